@@ -158,7 +158,8 @@ def calibrate(
     recordings: in memory, or the path of a file of them.
     settings: changes of the encoder, dotted keys. A baseline that knows the whole trial gives way to one that knows the
         past alone, and a moving average is chosen, unless `settings` name `conditioning.baseline` and
-        `conditioning.ema_cutoff_Hz`.
+        `conditioning.ema_cutoff_Hz`. Afferents of a sensor that is slower than the clock are computed once per sample,
+        in closed form, unless the spec or `settings` set `integration`.
     split: how trials are divided, as for `train`; the gains know nothing of its validation and test trials.
     where, leave_out: the trials that are divided, as of `read`.
     compare: try every baseline and polarity, and use the best that knows the past alone.
@@ -175,7 +176,7 @@ def calibrate(
     began = perf_counter()
     _check_outputs([Path(file) for file in (out, figure, survives) if file], force, _paths(recordings, encoder))
     split.check_single("calibrate")
-    start = specs.resolve(encoder, settings)
+    start, given = specs.resolve(encoder, settings), specs.set_keys(encoder, settings)
     rule = gain_search.CalibrationRule()
     fit, times = calibration.calibration_for(start, settings or {}, apart=tuple(split.test_where))
     if compare:
@@ -186,6 +187,9 @@ def calibrate(
         data = chosen_trials(stored, TrialChoice.of(where, leave_out), source)
         check_stratify(data.conditions, split.stratify, split.one)
         training = data.select(training_touches(data, split.stratify, split.one))
+        start, notes = calibration.with_integration(start, given, training.sampling_rate_Hz)
+        for note in notes:
+            log.warning("%s: %s", source, note)
         compared = alternatives.compare(training, start, advance, rule) if compare else None
         calibrated = fit(training, start, advance, rule) if compared is None else compared.best
         at_rest = firing.resting_table(training, calibrated.encoder, rest_ms)

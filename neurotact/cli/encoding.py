@@ -23,6 +23,8 @@ def calibrate(given: dict[str, Any]) -> None:
 
     A baseline that uses the whole trial is replaced by a causal one, and the
     cut-off of the moving average is chosen, unless they are given with --set.
+    Afferents of a sensor slower than the clock are computed once per sample, in
+    closed form, unless the spec or --set gives integration.
     Membranes keep the spec's time constant, 10 ms by default; own-recordings
     takes a twentieth of the window, 10 to 50 ms: give it as --set tau_mem_ms=50.
     Afferents that fire at rest are listed, with a remedy.

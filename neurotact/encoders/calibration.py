@@ -8,7 +8,7 @@ classes best. Only the given trials are used.
 
 import contextlib
 import logging
-from collections.abc import Callable, Iterable, Iterator, Mapping
+from collections.abc import Callable, Container, Iterable, Iterator, Mapping
 from dataclasses import dataclass, replace
 from functools import cached_property, partial
 from typing import Any, Generic, TypeVar
@@ -38,7 +38,15 @@ from neurotact.encoders.model import DrivenSpec, EncoderSpec
 from neurotact.encoders.scaling import REST_SD, Scaling
 from neurotact.encoders.scaling import fit as fit_scaling
 from neurotact.encoders.sensitivity import Sensitivity, adjusted, sensitivities_of
-from neurotact.encoders.specs import SA_RA, conditioning_of, is_exact, populations, with_taxels_of
+from neurotact.encoders.specs import (
+    SA_RA,
+    conditioning_of,
+    exact_note,
+    is_exact,
+    pays_exact,
+    populations,
+    with_taxels_of,
+)
 from neurotact.errors import InputError, some
 from neurotact.metrics.decision import Decision, otherwise
 from neurotact.metrics.linear import cross_validated_accuracy
@@ -61,12 +69,15 @@ ONE_GRADE, GRADES = (1.0,), (0.5, 1.0)
 MORE_RESTLESS = 0.1
 """Share of the afferents that may fire at rest, beyond those that do so without the falling signal."""
 
+CLOCKED = "integration = 'clock'"
+
 _MOST_VALUES = 1_000_000
 """Steps of a trial that are sampled; in a longer trial every second step, or every third, and so on."""
 
 FITTED = ("unit", "sa1.gain", "ra1.gain", "pc.gain", "conditioning.offset", "conditioning.scale")
 """Keys of an encoder that calibration always sets."""
 BY_CALIBRATION = "calibration sets it from the training trials and would ignore a given value; leave it out"
+
 
 log = logging.getLogger("neurotact")
 
@@ -539,6 +550,24 @@ def calibration_for(
     return partial(calibrate_causally, **how), n_times
 
 
+def with_integration(spec: Encoder, given: Container[str], recorded_Hz: float) -> tuple[Encoder, list[str]]:
+    """The encoder to calibrate, in closed form where `pays_exact`, and the note on it.
+
+    One whose `integration` is among `given`, the keys that were set, stays as it is.
+
+    >>> from neurotact.spec import load
+    >>> paper = load(AfferentSpec, "sa1-ra1-lif")
+    >>> [with_integration(paper, given, 93.0)[0].integration for given in ([], ["integration"])]
+    ['exact', 'clock']
+    """
+    how = spec.conditioning.model_copy(update={"resample_Hz": spec.conditioning.resample_Hz or CLOCK_HZ})
+    clocked = spec.model_copy(update={"conditioning": how})
+    if "integration" in given or not pays_exact(clocked, recorded_Hz):
+        return spec, []
+    note = f"{exact_note(how.clock_Hz(recorded_Hz), recorded_Hz)}; {otherwise(CLOCKED)}"
+    return clocked.model_copy(update={"integration": "exact"}), [note]
+
+
 def _log(notes: Iterable[str], recordings: Trials) -> None:
     for note in notes:
         log.warning("%s: %s", _source(recordings), note)
@@ -638,12 +667,11 @@ def _suited(
         notes.append(f"the EMA at {cutoff_Hz:g} Hz is left out: {rate_Hz:g} Hz recordings end at {rate_Hz / 2:g} Hz")
     if conditioning.resample_Hz is None and rate_Hz < CLOCK_HZ:
         change["resample_Hz"] = CLOCK_HZ
-        spikes = f"spikes are on a clock of {CLOCK_HZ:g} Hz, and samples come at {rate_Hz:g} Hz"
         signals = (
             f"signals are resampled from {rate_Hz:g} to {CLOCK_HZ:g} Hz, since a step at {rate_Hz:g} Hz is longer than "
             "a refractory period of 1 ms"
         )
-        notes.append(spikes if exact else signals)
+        notes.append(exact_note(CLOCK_HZ, rate_Hz) if exact else signals)
     return conditioning.model_copy(update=change), notes
 
 

@@ -240,6 +240,17 @@ def resolve(what: str | Path | EncoderSpec, overrides: Mapping[str, Any] | None 
     return changed
 
 
+def set_keys(what: str | Path | EncoderSpec, overrides: Mapping[str, Any] | None = None) -> set[str]:
+    """The keys that the spec `what` and `overrides` set; of those in its tables, the tables' names.
+
+    >>> "integration" in set_keys("sa1-ra1-lif"), "integration" in set_keys("sa1-ra1-lif", {"integration": "clock"})
+    (False, True)
+    """
+    if isinstance(what, EncoderSpec):
+        return {*what.model_fields_set, *(overrides or {})}
+    return resolve(what, overrides).model_fields_set
+
+
 def encode(signal: np.ndarray, sampling_rate_Hz: float, spec: EncoderSpec, state: Any = None) -> tuple[np.ndarray, Any]:
     """Spikes of conditioned signals, `(trial, time, taxel)` to `(trial, time, afferent)` uint8, as `afferent_names`.
 
@@ -320,6 +331,15 @@ def pays_exact(spec: EncoderSpec, recorded_Hz: float, periods_ms: Iterable[objec
         return False
     tried = [*t_ref_pair_ms(spec), *periods_ms]
     return all(isinstance(period, (int, float)) and period >= LEAST_EXACT_MS for period in tried)
+
+
+def exact_note(clock_Hz: float, recorded_Hz: float) -> str:
+    """What closed form means for recordings that are slower than the clock, in words.
+
+    >>> exact_note(1000.0, 93.0)
+    'clock of the spikes: 1000 Hz; afferents are computed once per sample, at 93 Hz'
+    """
+    return f"clock of the spikes: {clock_Hz:g} Hz; afferents are computed once per sample, at {recorded_Hz:.4g} Hz"
 
 
 def conditioning_of(spec: EncoderSpec, recorded_Hz: float) -> ConditioningSpec:

@@ -1,6 +1,7 @@
 """An encoder as a scikit-learn transformer: taxel signals in, spikes out."""
 
 from collections.abc import Collection, Mapping
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -120,7 +121,11 @@ class SpikeEncoder(TransformerMixin, NestedSettings):
         fit, _ = calibration.calibration_for(spec, leaves(checked_settings(self.settings)))
         labels = class_labels(y, len(signals)).astype(str)
         self.n_features_in_ = signals.shape[2]
-        return fit(self._recordings(signals, labels.tolist(), spec.unit), spec, tell=False)
+        recordings = self._recordings(signals, labels.tolist(), spec.unit)
+        given = specs.set_keys(self.encoder, checked_settings(self.settings))
+        start, notes = calibration.with_integration(spec, given, recordings.sampling_rate_Hz)
+        found = fit(recordings, start, tell=False)
+        return replace(found, notes=(*notes, *found.notes))
 
     def _recordings(self, signals: np.ndarray, labels: list[str], unit: str | None = None) -> Recordings:
         rate_Hz: Any = self.sampling_rate_Hz

@@ -27,6 +27,7 @@ from neurotact.data.trial_choice import EVERY, TrialChoice, chosen_trials, fewer
 from neurotact.data.window_choice import FOUND, LATE, RESTS, Timing, Words, choose, left_after
 from neurotact.data.windows import WindowSpec
 from neurotact.encoders.calibration import CLOCK_HZ
+from neurotact.encoders.specs import exact_note
 from neurotact.errors import InputError
 from neurotact.networks.training import balancing
 from neurotact.spec import Spec, build, override, read, unsaved
@@ -474,7 +475,8 @@ def clock(recorded: Recorded, clock_Hz: float | None, *, exact: bool = False) ->
         return []
     note = f"Clock: {clock_Hz:g} Hz, so that refractory periods of whole ms are exact; recorded at {rate_Hz:g} Hz"
     if exact:
-        return [f"Clock of the spikes: {clock_Hz:g} Hz; afferents are computed once per sample, at {rate_Hz:.4g} Hz."]
+        computed = exact_note(clock_Hz, rate_Hz)
+        return [f"{computed[0].upper()}{computed[1:]}."]
     if rate_Hz >= clock_Hz:
         return [f"{note}, smoothed and resampled."]
     sample_ms = 1e3 / rate_Hz

@@ -282,10 +282,12 @@ def resolve(
     overrides = {key: value for key, value in overrides.items() if key not in is_open}
     named = {part: overrides.pop(part) for part in PARTS if isinstance(overrides.get(part), str)}
     for part, load in PARTS.items():
-        if part in named:
-            table[part] = _whole(load(named[part]))
-        elif isinstance(table.get(part), str):
-            table[part] = _whole(load(_relative_to(path, table[part])))
+        if part not in named and not isinstance(table.get(part), str):
+            continue
+        loaded = load(named[part] if part in named else _relative_to(path, table[part]))
+        table[part] = _whole(loaded)
+        if part == "encoder" and "integration" in loaded.model_fields_set:
+            is_open.discard(automatic.INTEGRATION)
     table, left = automatic.closed(table)
     left |= is_open
     axes = {key: value for key, value in overrides.items() if key.startswith(sweeps.SWEEP)}

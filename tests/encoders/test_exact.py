@@ -16,12 +16,22 @@ from neurotact.data import conditioning
 from neurotact.data.recordings import Recordings
 from neurotact.encoders import afferents, encoding
 from neurotact.encoders.afferents import drives
-from neurotact.encoders.calibration import calibrate
+from neurotact.encoders.calibration import calibrate, with_integration
 from neurotact.encoders.closed_form import ExactState, cost_of_spikes
 from neurotact.encoders.cost import encoding_cost
 from neurotact.encoders.encoding import encode_recordings
 from neurotact.encoders.gain_search import CalibrationRule
-from neurotact.encoders.specs import conditioning_of, encode, encode_whole, finish, is_exact, load
+from neurotact.encoders.specs import (
+    conditioning_of,
+    encode,
+    encode_whole,
+    exact_note,
+    finish,
+    is_exact,
+    load,
+    resolve,
+    set_keys,
+)
 from neurotact.errors import InputError
 from neurotact.metrics.flops import MovingAverage, cost
 from neurotact.metrics.signal_flops import BaselineRemoval
@@ -218,12 +228,55 @@ def test_gains_are_found_on_the_samples_of_the_sensor():
     fitted = calibrate(recorded(), start, rule=CalibrationRule(candidates=16), tell=False)
     assert is_exact(fitted.encoder)
     assert fitted.encoder.conditioning.resample_Hz == CLOCK_Hz
-    assert "spikes are on a clock of 1000 Hz, and samples come at 93 Hz" in fitted.notes
+    assert exact_note(CLOCK_Hz, RATE_Hz) in fitted.notes
     trains = encode_recordings(recorded(), fitted.encoder)
     chosen = fitted.table[fitted.table.chosen].set_index("afferent").spikes_per_s
     of_each = np.bincount(np.concatenate(trains.units), minlength=4).reshape(2, 2).sum(axis=1)
     np.testing.assert_allclose(of_each / 2 / (6 * 60 / RATE_Hz), [chosen["SA-I"], chosen["RA-I"]], rtol=0.02)
     assert survival_of(recorded(), fitted.encoder).table.snr_dB.iloc[-1] > 0
+
+
+@pytest.mark.parametrize("clock_Hz", [None, 200.0, 1000.0])
+@pytest.mark.parametrize("rate_Hz", [35.61, 199.0, 200.0, 999.0, 1000.0, 2000.0])
+def test_a_sensor_slower_than_the_clock_is_calibrated_in_closed_form(rate_Hz, clock_Hz):
+    start = load("sa1-ra1-lif", {} if clock_Hz is None else {"conditioning.resample_Hz": clock_Hz})
+    chosen, notes = with_integration(start, [], rate_Hz)
+    least_Hz = clock_Hz or CLOCK_Hz
+    assert is_exact(chosen) == (rate_Hz < least_Hz)
+    if not is_exact(chosen):
+        assert (chosen, notes) == (start, [])
+        return
+    assert chosen.conditioning.resample_Hz == least_Hz
+    assert notes == [f"{exact_note(least_Hz, rate_Hz)}; to choose otherwise, set integration = 'clock'"]
+    same = {"integration": start.integration, "conditioning": start.conditioning}
+    assert chosen.model_copy(update=same) == start
+
+
+@pytest.mark.parametrize("model", ["send-on-delta", "izhikevich", "mechanoreceptor"])
+def test_other_encoders_than_lif_keep_their_clock(model):
+    assert with_integration(load(model), [], RATE_Hz) == (load(model), [])
+
+
+@pytest.mark.parametrize("integration", ["clock", "exact"])
+@pytest.mark.parametrize("place", ["settings", "spec", "file", "spec with other settings"])
+def test_an_integration_that_is_set_is_kept(tmp_path, place, integration):
+    given = {"integration": integration}
+    what, settings = {
+        "settings": ("sa1-ra1-lif", given),
+        "spec": (load("sa1-ra1-lif", given), None),
+        "file": (str(tmp_path / "mine.toml"), {"sa1.t_ref_ms": 5}),
+        "spec with other settings": (load("sa1-ra1-lif", given), {"sa1.t_ref_ms": 5}),
+    }[place]
+    (tmp_path / "mine.toml").write_text(f"integration = '{integration}'\n[sa1]\ngain = 1.0\n[ra1]\ngain = 1.0\n")
+    start = resolve(what, settings)
+    assert with_integration(start, set_keys(what, settings), RATE_Hz) == (start, [])
+    assert start.integration == integration
+
+
+@pytest.mark.parametrize("settings", [None, {"sa1.t_ref_ms": 5}])
+@pytest.mark.parametrize("what", ["sa1-ra1-lif", load("sa1-ra1-lif")])
+def test_an_integration_that_is_not_set_is_chosen(what, settings):
+    assert is_exact(with_integration(resolve(what, settings), set_keys(what, settings), RATE_Hz)[0])
 
 
 def test_spikes_in_closed_form_by_hand():

@@ -36,6 +36,16 @@ def test_it_calibrates_as_calibrate_does(fitted):
     assert fitted.calibration_ is not None
 
 
+@pytest.mark.parametrize(("given", "integration"), [({}, "exact"), ({"settings": {"integration": "clock"}}, "clock")])
+def test_a_slow_sensor_is_in_closed_form_unless_it_is_set(given, integration):
+    X, y = slides()
+    slow = nt.SpikeEncoder(sampling_rate_Hz=100.0, **given).fit(X[:, ::10], y)
+    assert slow.calibration_ is not None
+    assert slow.spec_.integration == integration
+    assert any("once per sample" in note for note in slow.calibration_.notes) == (integration == "exact")
+    assert slow.transform(X[:, ::10]).shape[:2] == (len(X), 400)
+
+
 def test_gains_depend_on_the_trials_of_fit_alone(fitted):
     """What is only transformed, such as a test fold, changes nothing; the scale of what is fitted is taken out."""
     before = fitted.spec_

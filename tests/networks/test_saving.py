@@ -330,6 +330,16 @@ def test_recordings_are_enough(run, tmp_path):
             nt.save_energy(run.parent / "skin.h5", tmp_path / "other", **{key: run.parent / "skin.h5"})
 
 
+def test_slow_recordings_are_encoded_once_per_sample(tmp_path, monkeypatch):
+    monkeypatch.setattr(save.nt, "train", lambda *given, **how: None)
+    signals = [make_signal(100, seed=k) * (1.0 if k % 2 else 1.6) for k in range(N)]
+    touches = Recordings(signals, 100.0, "mV", pd.DataFrame({"label": [("felt", "silk")[k % 2] for k in range(N)]}))
+    hdf5.save_recordings(touches, tmp_path / "slow.h5")
+    save._trained_on(tmp_path / "slow.h5", tmp_path, 0, print)
+    made = hdf5.load_spikes(tmp_path / save.SPIKES)
+    assert (made.encoder["integration"], made.sampling_rate_Hz) == ("exact", 1000.0)
+
+
 def test_a_search_says_what_limits_its_answer(saved, run):
     _folder, answer, _ = saved
     assert answer["cautions"] == []

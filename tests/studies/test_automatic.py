@@ -326,6 +326,15 @@ def test_afferents_of_a_slow_sensor_are_computed_once_per_sample(tmp_path, rate_
     assert said == (integration == "exact" and rate_Hz != 1000.0)
 
 
+@pytest.mark.parametrize("given", ["clock", "exact", None])
+def test_an_encoder_that_sets_its_integration_keeps_it(tmp_path, given):
+    mine = "" if given is None else f"integration = '{given}'\n"
+    (tmp_path / "mine.toml").write_text(f"{mine}[sa1]\ngain = 1.0\n[ra1]\ngain = 1.0\n")
+    own = {"encoder": str(tmp_path / "mine.toml")}
+    what = loading.resolve("own-recordings", own, data=slow_touches(tmp_path / "touches.h5", 93.0))
+    assert what.encoder.integration == (given or "exact")
+
+
 def test_an_encoder_without_membranes_has_no_integration(tmp_path):
     what = loading.resolve("own-recordings", {"encoder": "send-on-delta"}, data=slow_touches(tmp_path / "t.h5", 93.0))
     assert not hasattr(what.encoder, "integration")

@@ -6,10 +6,11 @@ import numpy as np
 import pandas as pd
 import pytest
 
+import neurotact as nt
 from neurotact import cli
 from neurotact.data import hdf5
 from neurotact.data.recordings import Recordings
-from neurotact.encoders import calibration
+from neurotact.encoders import calibration, gain_search
 from neurotact.encoders.gain_search import CalibrationRule
 from neurotact.errors import InputError
 from neurotact.report import front
@@ -55,6 +56,50 @@ def encoded(touches, monkeypatch, **changes):
     folder = touches.parent / "run"
     preparation.prepare(folder, what, list(study.cells(what)))
     return folder, what, [hdf5.load_spikes(folder / cell.given).encoder for cell in study.cells(what)]
+
+
+def taxels(path, rate_Hz):
+    """Touches of three classes in counts, on pressures of their own, of 1.2 s."""
+    rng, time_s = np.random.default_rng(1), np.arange(round(1.2 * rate_Hz))[:, None] / rate_Hz
+    signals = [
+        400 + 30 * (n % 3) + [60, 25, 40] * np.sin(2 * np.pi * (1 + 2 * (n % 3)) * time_s + rng.uniform(0, 6, 3))
+        + rng.normal(0, 4, (len(time_s), 3))
+        for n in range(60)
+    ]  # fmt: skip
+    labels = pd.DataFrame({"label": [*("denim", "linen", "canvas")] * 20})
+    hdf5.save_recordings(Recordings(signals, rate_Hz, "count", labels), path)
+    return path
+
+
+@pytest.mark.parametrize(
+    ("rate_Hz", "given", "integration"),
+    [
+        (35.0, {}, "exact"),
+        (35.0, {"integration": "clock"}, "clock"),
+        (35.0, {"conditioning.resample_Hz": 2000.0}, "exact"),
+        (2000.0, {"conditioning.resample_Hz": 1000.0}, "clock"),
+    ],
+)
+def test_by_hand_the_encoder_is_that_of_the_study(tmp_path, monkeypatch, caplog, rate_Hz, given, integration):
+    monkeypatch.setattr(gain_search, "CalibrationRule", lambda: RULE)
+    touches = taxels(tmp_path / "touches.h5", rate_Hz)
+    window = {"window.length_ms": 1200.0, "window.start_ms": 0.0, "split.seed": 0}
+    of_study = {f"encoder.{key}": value for key, value in given.items()}
+    _, what, (used,) = encoded(touches, monkeypatch, **window, **of_study)
+    caplog.clear()
+    by_hand = nt.calibrate(touches, settings={**given, "tau_mem_ms": what.encoder.tau_mem_ms})
+    (cell,) = study.cells(what)
+    made = nt.encode(nt.load(touches), by_hand)
+    assert by_hand.integration == integration
+    assert made.encoder == used
+    assert made.sampling_rate_Hz == hdf5.load_spikes(tmp_path / "run" / cell.given).sampling_rate_Hz
+    said = [record for record in caplog.records if "once per sample" in record.getMessage()]
+    assert len(said) == (integration == "exact")
+
+
+def test_a_comparison_takes_the_closed_form_too(tmp_path, monkeypatch):
+    monkeypatch.setattr(gain_search, "CalibrationRule", lambda: RULE)
+    assert nt.calibrate(taxels(tmp_path / "touches.h5", 35.0), compare=True).integration == "exact"
 
 
 def test_swept_keys_are_those_of_the_encoder_of_each_cell(touches, monkeypatch):
