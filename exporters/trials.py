@@ -86,7 +86,7 @@ def _given(restored: run_folder.Restored, recordings: Recordings | str | Path | 
     data = data.in_order(encoder.conditioning.taxels)
     chosen = data.select(evenly(np.arange(len(data))))
     trains = encode_recordings(chosen, encoder)
-    examples, _ = tasks.examples_of(trains, np.arange(len(trains)), restored.task.window)
+    examples, _ = tasks.examples_of(trains, np.arange(len(trains)), restored.task)
     signals = list(chosen.to_unit(encoder.unit).signals)
     labels = np.array([restored.classes.index(chosen.classes[label]) for label in chosen.labels])
     return Recorded(signals, signals, labels, data.sampling_rate_Hz, examples.spikes)

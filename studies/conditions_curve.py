@@ -85,7 +85,7 @@ def curve(
         start = seeds.of_start(seed, SplitSpec(test_where={column: tested}))
         fitted, sides = trainer.fit(trains, spec, task, start, split=split)
         inferred = fitted.network.infer(sides.test.spikes)
-        seen, _ = tasks.examples_of(trains, kept, task.window)
+        seen, _ = tasks.examples_of(trains, kept, task)
         yield {
             "tested": tested,
             "trained": len(trained_on),

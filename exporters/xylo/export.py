@@ -51,7 +51,7 @@ def export(run: Fitted, path: str | Path, prove: int, spikes: str | Path | None,
     differences = [*_differences(network, restored)]
     trains = run_folder.trained_spikes_of(restored)
     split = tasks.trials_of(trains, restored.task)
-    windows = tasks.examples_of(trains, evenly(split.train), restored.task.window)[0].spikes
+    windows = tasks.examples_of(trains, evenly(split.train), restored.task)[0].spikes
     made = converted(network, windows[np.linspace(0, len(windows) - 1, min(len(windows), WINDOWS)).astype(int)])
     files.write_json(path, made.chip.specification)
     hidden, readout = made.chip
@@ -61,7 +61,7 @@ def export(run: Fitted, path: str | Path, prove: int, spikes: str | Path | None,
     for line in differences:
         tell(line)
     if prove:
-        examples, _ = tasks.examples_of(trains, split.test[:prove], restored.task.window)
+        examples, _ = tasks.examples_of(trains, split.test[:prove], restored.task)
         inputs = network.binned(examples.spikes).numpy()
         tell(beside_xylosim(made.chip, inputs))
         tell(in_stages(network, made, examples.spikes, examples.labels.numpy()))

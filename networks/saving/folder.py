@@ -20,6 +20,7 @@ from neurotact.networks.exit.rule import FULL_WINDOW
 from neurotact.networks.training import resumable, run_folder, tasks, trainer
 from neurotact.networks.training.outcome import outcome_of
 from neurotact.networks.training.trainer import Trained
+from neurotact.networks.use import measuring
 from neurotact.spec import to_toml
 
 
@@ -81,9 +82,8 @@ def _spikes_of(fitted: Fitted, folder: Path, known: dict[str, Path]) -> Path:
 def _right(fitted: Fitted, rule: Any, start: Start) -> dict[int, float]:
     """The share of the windows of each test trial that are decided correctly."""
     window = window_of(fitted, start)
-    examples, windows = tasks.examples_of(fitted.trains, start.bench.split.test, window)
-    labels = fitted.network.infer(examples.spikes, rule).labels.cpu()
-    return by_trial(windows.trial, (labels == examples.labels).numpy())
+    examples, windows = tasks.examples_of(fitted.trains, start.bench.split.test, start.bench.task, window)
+    return by_trial(windows.trial, measuring.right_of(fitted.network.infer(examples.spikes, rule), examples))
 
 
 def _tested(base: dict[int, float], mine: dict[int, float]) -> dict[str, float]:

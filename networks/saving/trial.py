@@ -20,6 +20,7 @@ from neurotact.metrics.paired import by_trial
 from neurotact.networks.definition import seeds
 from neurotact.networks.exit.rule import FULL_WINDOW
 from neurotact.networks.training import tasks
+from neurotact.networks.use import measuring
 
 WHOLE, EARLY = "whole window", "early exit"
 COSTS = ("sops_total", "signal_ms")
@@ -141,9 +142,9 @@ def _measured(fitted: Fitted, rule: Any) -> tuple[dict[str, float], list[float]]
         costs |= {f"{before}{name}": float(value) for name, value in energies.items()}
         costs[f"{before or 'validation_'}accuracy"] = row["accuracy_test"]
     validation = sides.validation
-    labels = fitted.network.infer(validation.spikes, rule).labels.cpu()
+    decided = measuring.right_of(fitted.network.infer(validation.spikes, rule), validation)
     assert validation.of is not None
-    return costs, [*by_trial(validation.of.numpy(), (labels == validation.labels).numpy()).values()]
+    return costs, [*by_trial(validation.of.numpy(), decided).values()]
 
 
 def _about(fitted: Fitted) -> dict[str, Any]:

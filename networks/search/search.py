@@ -269,7 +269,7 @@ def _train(job: Job, trains: SpikeTrains, sides: Sides, epochs: list[float]) -> 
 
     def new(spec: RSNNSpec, seeds: tuple[int, int]) -> tuple[Network, torch.Generator]:
         nonlocal member
-        member, order = trainer.new_network(trains, spec, seeds, sides.train.spikes)
+        member, order = trainer.new_network(trains, spec, seeds, sides.train.spikes, job.problem.task)
         return member, order
 
     def watch(epoch: Epoch) -> None:

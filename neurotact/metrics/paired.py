@@ -133,7 +133,7 @@ def compare_by_trial(right: Mapping[Any, float], other: Mapping[Any, float]) -> 
     return compare(*(np.array([shares[trial] for trial in common]) for shares in (right, other)))
 
 
-def by_trial(trial: np.ndarray, right: Sequence[bool] | np.ndarray) -> dict[int, float]:
+def by_trial(trial: np.ndarray, right: Sequence[float] | np.ndarray) -> dict[int, float]:
     """The share of correct windows of each trial; `trial`, `right`: of each window, `(window,)`.
 
     >>> by_trial(np.array([3, 3, 7]), [True, False, True])

@@ -89,7 +89,7 @@ def cell_details(folder: Path, done: list[Cell], classes: Classes) -> list[dict[
             key = restored.task.model_dump_json()
             if key not in tests:
                 trials = run_folder.test_trials(restored, trains)
-                tests[key] = _Test(*tasks.examples_of(trains, trials, restored.task.window))
+                tests[key] = _Test(*tasks.examples_of(trains, trials, restored.task))
             if len(tests[key].windows):
                 if key not in shown:
                     shown[key] = _middle(tests[key])

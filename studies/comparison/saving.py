@@ -242,7 +242,7 @@ def cut(bench: Bench, setting: Setting) -> Cut:
     length_ms = max(1, round(setting.window * bench.window.length_ms / step_ms)) * step_ms
     window = bench.window.model_copy(update={"length_ms": length_ms, "hop_ms": hop_ms})
     if setting.taxels < 1:
-        training, _ = tasks.examples_of(trains, bench.split.train, window)
+        training, _ = tasks.examples_of(trains, bench.split.train, bench.task, window)
         trains = trains.with_afferents(_varying(trains, training.spikes, setting.taxels))
     task = bench.task.model_copy(update={"window": window})
     return Cut(trains, tasks.sides_of(trains, task, bench.split))

@@ -304,7 +304,7 @@ def test_a_proof_runs_the_test_windows(run, tmp_path, monkeypatch):
     trains = hdf5.load_spikes(run / "spikes.h5")
     task = export.fitted.restore(run / "run").task
     first = export.tasks.trials_of(trains, task).test[:1]
-    expected, _ = export.tasks.examples_of(trains, first, task.window)
+    expected, _ = export.tasks.examples_of(trains, first, task)
     assert (ran[0] == expected.spikes.numpy()).all()
 
 

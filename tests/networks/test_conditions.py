@@ -60,7 +60,7 @@ def test_no_trial_of_an_unknown_condition_is_in_training_or_validation(run):
     inside = np.flatnonzero(trains.conditions.force_N == 3.0)
     sides = tasks.sides_of(trains, restored.task)
     assert sum(len(side.labels) for side in sides) == len(inside)
-    examples, _ = tasks.examples_of(trains, inside, restored.task.window)
+    examples, _ = tasks.examples_of(trains, inside, restored.task)
     held = {window.tobytes() for window in examples.spikes.numpy()}
     assert {window.tobytes() for side in sides for window in side.spikes.numpy()} <= held
 

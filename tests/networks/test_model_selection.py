@@ -49,7 +49,7 @@ def test_copies_of_training_trials_alone_are_trained_on(trains):
     assert len(varied.train.labels) == 3 * n
     np.testing.assert_array_equal(varied.train.spikes[:n], plain.train.spikes)
     rows = trains.variations.rows(tasks.trials_of(trains, task()).train, "time")
-    wanted, _ = tasks.examples_of(trains.variations.trains, rows, task().window)
+    wanted, _ = tasks.examples_of(trains.variations.trains, rows, task())
     np.testing.assert_array_equal(varied.train.spikes[n:], wanted.spikes)
     assert (varied.train.labels[n:] == wanted.labels).all()
     for side in ("validation", "test"):

@@ -358,7 +358,7 @@ def test_inference_exits_early_where_the_loss_is_bounded_and_says_where_not(tmp_
     assert (told in capsys.readouterr().err) == (not is_used)
     infer(restored, trains, early_exit=False)
     assert not capsys.readouterr().err
-    row = measuring.measure(done, alike(tasks.examples_of(trains, np.arange(4), restored.task.window)[0]),
+    row = measuring.measure(done, alike(tasks.examples_of(trains, np.arange(4), restored.task)[0]),
                             trains.populations)  # fmt: skip
     assert (row["row"]["exit_loss_bound"], row["exit_losses"]) == (done.held.bound, done.held.losses)
     assert row["row"]["exit_patience"] == done.rule.patience  # what it would save is measured in any case

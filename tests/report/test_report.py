@@ -403,7 +403,7 @@ def test_the_page_knows_of_each_cell_what_its_network_does(written):
     restored = run_folder.restore(place)
     trains = load_spikes(restored.spikes_path)
     raster = shown["raster"]
-    trial, windows = tasks.examples_of(trains, np.array([raster["trial"]]), restored.task.window)
+    trial, windows = tasks.examples_of(trains, np.array([raster["trial"]]), restored.task)
     first = round(raster["start_ms"] * 1e-3 * trains.sampling_rate_Hz) == windows.start
     with torch.no_grad():
         spikes = restored.network.simulate(trial.spikes[first])

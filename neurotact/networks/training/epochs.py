@@ -23,20 +23,40 @@ from neurotact.notebook import html_of
 
 
 class Examples(NamedTuple):
-    """Spikes `(trial, time, afferent)` uint8 and class indices `(trial,)` int64.
+    """Spikes `(trial, time, afferent)` uint8, and what is learned of each: `tasks.labels_of`.
 
     weights: of each trial's loss, `(trial,)` float32 with the mean 1; None: all count alike.
     of: the recorded trial that each one is a window of, `(trial,)` int64; None: each is of its own.
+    deviation: of numbers, `(target,)` float32, in which `right` measures errors; None of classes.
     """
 
     spikes: Tensor
     labels: Tensor
     weights: Tensor | None = None
     of: Tensor | None = None
+    deviation: Tensor | None = None
 
     def binned(self, network: Network) -> "Examples":
         """The same on the clock of a network."""
         return self._replace(spikes=network.binned(self.spikes))
+
+
+def right(values: Tensor, labels: Tensor, deviation: Tensor | None = None) -> Tensor:
+    """Whether readout values `(window, class)` decide each window correctly; of numbers, its score. `(window,)`.
+
+    labels: class indices `(window,)`, or numbers `(window, target)`. The score of a window is 1 less the mean over
+    targets of the squared error in units of `deviation`, that of training (1 if absent): on average 1 is perfect, and
+    0 what the mean of training would have, as R^2 is.
+
+    >>> right(torch.tensor([[0.0, 3.0], [2.0, 1.0]]), torch.tensor([1, 1]))
+    tensor([ True, False])
+    >>> right(torch.tensor([[3.0], [5.0]]), torch.tensor([[3.0], [3.0]]), torch.tensor([4.0]))
+    tensor([1.0000, 0.7500])
+    """
+    if labels.ndim == 1:
+        return values.argmax(dim=1) == labels
+    errors = values - labels
+    return 1 - (errors if deviation is None else errors / deviation).square().mean(dim=1)
 
 
 JOINED = NOT_KEPT = 0
@@ -410,7 +430,7 @@ def _pass(
 ) -> tuple[float, float]:
     """Train on every trial once, in this order; `(loss, accuracy)`, of each batch before its step."""
     spec, device = network.spec.training, network.device
-    batches, norms, losses, right = order.split(spec.batch), [], [], []
+    batches, norms, losses, scores = order.split(spec.batch), [], [], []
     ramp, n = sparsity.Ramp.of(spec), len(batches)
     for number, batch in enumerate(batches):
         rates.set(optimiser, number / n)
@@ -429,9 +449,9 @@ def _pass(
             optimiser.step()
         network.bound()
         losses.append(batch_loss.detach())
-        right.append((counts.readout.argmax(dim=1) == labels).sum())
+        scores.append(right(counts.readout.detach(), labels).sum())
     _warn_of_explosion(norms, rates.epochs_before + 1)
-    return _mean(losses, right, batches)
+    return _mean(losses, scores, batches)
 
 
 def _stay_apart(network: Network) -> None:
@@ -449,11 +469,11 @@ def _weights(examples: Examples, batch: Tensor, device: torch.device) -> Tensor 
     return None if examples.weights is None else examples.weights[batch].to(device)
 
 
-def _mean(losses: Sequence[Tensor], right: Sequence[Tensor], batches: Sequence[Tensor]) -> tuple[float, float]:
+def _mean(losses: Sequence[Tensor], scores: Sequence[Tensor], batches: Sequence[Tensor]) -> tuple[float, float]:
     """`(loss, accuracy)` over all batches; the numbers are copied from the device once."""
     sizes = [len(batch) for batch in batches]
     total = sum(value * size for value, size in zip(torch.stack([*losses]).tolist(), sizes, strict=True))
-    return total / sum(sizes), int(torch.stack([*right]).sum()) / sum(sizes)
+    return total / sum(sizes), torch.stack([*scores]).sum().item() / sum(sizes)
 
 
 def _counts_with_dropout(network: Network, spikes: Tensor, generator: torch.Generator) -> Counts:
@@ -513,19 +533,19 @@ def evaluate(network: Network, examples: Examples) -> tuple[float, float]:
 def judge(network: Network, examples: Examples) -> tuple[float, float]:
     """`evaluate` of examples that are on the network's clock."""
     spec, device = network.spec.training, network.device
-    batches, losses, right = torch.arange(len(examples.labels)).split(spec.batch), [], []
+    batches, losses, scores = torch.arange(len(examples.labels)).split(spec.batch), [], []
     for spikes, batch in zip(examples.spikes.split(spec.batch), batches, strict=True):
         counts, labels = network.counts(spikes.to(device)), examples.labels[batch]
         losses.append(loss(counts, labels.to(device), spec, _weights(examples, batch, device)))
-        right.append((counts.readout.argmax(dim=1) == labels.to(device)).sum())
-    return _mean(losses, right, batches)
+        scores.append(right(counts.readout, labels.to(device)).sum())
+    return _mean(losses, scores, batches)
 
 
 @torch.no_grad()
 def right_of(network: Network, examples: Examples) -> Tensor:
-    """Whether each window is classified correctly, `(window,)`; the examples are on the network's clock."""
-    right, size = [], network.spec.training.batch
+    """`right` of each window; the examples are on the network's clock."""
+    scores, size = [], network.spec.training.batch
     for spikes, labels in zip(examples.spikes.split(size), examples.labels.split(size), strict=True):
         counts = network.counts(spikes.to(network.device))
-        right.append(counts.readout.argmax(dim=1).cpu() == labels)
-    return torch.cat(right)
+        scores.append(right(counts.readout.cpu(), labels))
+    return torch.cat(scores)

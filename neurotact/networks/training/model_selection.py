@@ -193,6 +193,7 @@ def right_seen(network: Network, trains: SpikeTrains, task: Task) -> dict[int, f
     kept = tasks.seen_trials(trains, task)
     if not len(kept):
         return {}
-    examples, windows = tasks.examples_of(trains, kept, task.window)
-    labels = network.infer(examples.spikes).labels.cpu()
-    return paired.by_trial(copies_of(trains).first[windows.trial], (labels == examples.labels).tolist())
+    examples, windows = tasks.examples_of(trains, kept, task)
+    return paired.by_trial(
+        copies_of(trains).first[windows.trial], measuring.right_of(network.infer(examples.spikes), examples)
+    )

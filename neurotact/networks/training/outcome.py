@@ -96,11 +96,11 @@ def outcome_of(
     distinct = Split(*map(copies.distinct, parts))
     held, tested = ((task.training_window, parts.validation), (task.window, parts.test))
     trials = Trials(*(copies.first[trains.cut(window, side).trial] for window, side in (held, tested)))
-    compared = compare(result["right"], sides, trials, len(trains.classes), last)
+    compared = compare(result["right"], sides, trials, len(tasks.names_of(trains, task)), last)
     return Outcome(
         result["row"],
         result["confusion"],
-        trains.classes,
+        tasks.names_of(trains, task),
         compared,
         [
             *cautions.copies(*_counts(parts, distinct)),

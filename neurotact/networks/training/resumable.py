@@ -316,7 +316,8 @@ def _load(folder: Path, request: _Asked, trains: SpikeTrains, name: str) -> Chec
     """The checkpoint of a training; None if it has not begun."""
     if not _holds(folder, name):
         return None
-    net = epoch_checkpoint.Net(request.network, len(trains.afferents), len(trains.classes), trains.sampling_rate_Hz)
+    n_values = len(tasks.names_of(trains, request.task))
+    net = epoch_checkpoint.Net(request.network, len(trains.afferents), n_values, trains.sampling_rate_Hz)
     return epoch_checkpoint.load(folder / name, net, _training(request, name))
 
 

@@ -34,7 +34,7 @@ from neurotact.networks.exit.patience import ExitChoice
 from neurotact.networks.exit.rule import FULL_WINDOW, ExitRule
 from neurotact.networks.training.provenance import Provenance, provenance_of
 from neurotact.networks.training.ranges import Ranges, SavedRanges, recorded
-from neurotact.networks.training.tasks import Task, load_spikes, sides_of, trials_of
+from neurotact.networks.training.tasks import Task, load_spikes, names_of, sides_of, trials_of
 from neurotact.networks.training.trainer import Trained
 from neurotact.spec import build
 from neurotact.tables import write_table
@@ -215,7 +215,7 @@ def save(
     windows = sides_of(trains, task, split).train.spikes
     found = recorded(trained.network, windows, trains, sides.train, spikes_path)
     extra = {
-        "classes": list(trains.classes),
+        "classes": list(names_of(trains, task)),
         "spikes": os.path.relpath(spikes_path, folder),
         "task": task.model_dump(mode="json"),
         "exit_patience": trained.rule.patience,

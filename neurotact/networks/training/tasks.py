@@ -2,6 +2,7 @@
 
 import warnings
 from collections.abc import Iterator
+from dataclasses import replace
 from pathlib import Path
 from typing import Any, Literal, NamedTuple
 
@@ -54,6 +55,8 @@ class Task(Spec):
     """Whose training windows count the same in sum: those of each class, or of each condition within a class, too."""
     varied_validation: bool = False
     """Whether validation is on these copies of validation trials, too: where it cannot leave out a condition."""
+    target: tuple[str, ...] | None = Field(default=None, min_length=1, exclude_if=lambda target: target is None)
+    """The conditions whose numbers a network tells of a window; if absent, it tells the class of the trial."""
     seen: float = Field(default=0.0, ge=0, lt=1)
     """Share of the training trials that are kept for a test at the conditions of training."""
     gone = {"exit_by": "stability"}
@@ -159,10 +162,10 @@ def sides_of(trains: SpikeTrains, task: Task, split: Split | None = None) -> Sid
     if task.varied_validation:
         validation, held = _with_copies(trains, task, sides.validation)
     else:
-        validation, windows = examples_of(trains, sides.validation, task.training_window)
+        validation, windows = examples_of(trains, sides.validation, task, task.training_window)
         held = windows.trial
     validation = validation._replace(of=torch.from_numpy(copies_of(trains).first[held]))
-    return Sides(train, validation, examples_of(trains, sides.test, task.window)[0])
+    return Sides(train, validation, examples_of(trains, sides.test, task)[0])
 
 
 def with_every_condition(trains: SpikeTrains, task: Task) -> Task | None:
@@ -197,7 +200,7 @@ def seen_trials(trains: SpikeTrains, task: Task) -> np.ndarray:
 def seen_side(trains: SpikeTrains, task: Task) -> Examples | None:
     """The windows that test the conditions of training; None if the task keeps none."""
     kept = seen_trials(trains, task)
-    return examples_of(trains, kept, task.window)[0] if len(kept) else None
+    return examples_of(trains, kept, task)[0] if len(kept) else None
 
 
 def _weights(trains: SpikeTrains, task: Task, of: np.ndarray) -> torch.Tensor | None:
@@ -240,8 +243,9 @@ def _with_copies(trains: SpikeTrains, task: Task, trials: np.ndarray) -> tuple[E
     cuts = [*_cuts(trains, task, trials)]
     rasters = [torch.from_numpy(cut.trains.raster(cut.windows)) for cut in cuts]
     of = np.concatenate([cut.trial for cut in cuts])
+    labels = torch.cat([labels_of(trains, replace(cut.windows, trial=cut.trial), task) for cut in cuts])
     spikes = rasters[0] if len(rasters) == 1 else torch.cat(rasters)
-    return Examples(spikes, torch.from_numpy(trains.labels[of])), of
+    return Examples(spikes, labels), of
 
 
 def trials_of(trains: SpikeTrains, task: Task, split: Split | None = None) -> Split:
@@ -258,7 +262,7 @@ def trials_of(trains: SpikeTrains, task: Task, split: Split | None = None) -> Sp
     empty = [name for name, side in zip(SIDES, sides, strict=True) if not len(side)]
     if empty:
         raise InputError(f"split: no {empty[0]} trial is left within the subset {task.subset}; split otherwise")
-    names = trains.classes  # gathered from all trials at every call
+    names = names_of(trains, task)  # gathered from all trials at every call
     known = [names[label] for label in np.unique(trains.labels[sides.train])]
     if len(known) < 2:
         raise InputError(
@@ -292,11 +296,22 @@ def _among(first: np.ndarray, chosen: np.ndarray) -> np.ndarray:
     return begin[which]
 
 
-def examples_of(trains: SpikeTrains, trials: np.ndarray, window: WindowSpec) -> tuple[Examples, Windows]:
-    """The windows of some trials, with the classes of all trials; the windows refer to trials of `trains`."""
-    windows = trains.cut(window, trials)
-    labels = torch.from_numpy(trains.labels[windows.trial])
-    return Examples(torch.from_numpy(trains.raster(windows)), labels), windows
+def examples_of(
+    trains: SpikeTrains, trials: np.ndarray, task: Task, window: WindowSpec | None = None
+) -> tuple[Examples, Windows]:
+    """The windows of some trials, cut as for a test or by `window`; they refer to trials of `trains`."""
+    windows = trains.cut(window or task.window, trials)
+    return Examples(torch.from_numpy(trains.raster(windows)), labels_of(trains, windows, task)), windows
+
+
+def labels_of(trains: SpikeTrains, windows: Windows, task: Task) -> torch.Tensor:
+    """What a network learns of windows: the index of the class of each one's trial, `(window,)` int64."""
+    return torch.from_numpy(trains.labels[windows.trial])
+
+
+def names_of(trains: SpikeTrains, task: Task | None = None) -> tuple[str, ...]:
+    """The names of the readout neurons: the classes of all trials, into which `labels_of` are indices."""
+    return trains.classes
 
 
 def seen(trains: SpikeTrains, task: Task) -> recipe.Seen:

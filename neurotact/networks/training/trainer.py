@@ -18,7 +18,7 @@ from neurotact.networks.exit.patience import ExitChoice, Judged
 from neurotact.networks.exit.rule import ExitRule
 from neurotact.networks.training import ensemble
 from neurotact.networks.training.epochs import Checkpoint, Examples, Training
-from neurotact.networks.training.tasks import Sides, Task, sides_of
+from neurotact.networks.training.tasks import Sides, Task, names_of, sides_of
 
 AT_ONCE = 256
 """Windows that are simulated together."""
@@ -64,7 +64,7 @@ def fit(
     sides = sides_of(trains, task, split)
     _warn_of_silence(sides.train)
     how = {"device": device, "backend": backend, "progress": progress, "start": start, "keep": keep}
-    network, training = new_trained(trains, spec, seeds, sides.train, sides.validation, **how)
+    network, training = new_trained(trains, spec, seeds, sides.train, sides.validation, task=task, **how)
     return finished(network.cpu(), training, sides, task), sides
 
 
@@ -75,17 +75,18 @@ def new_trained(
     training: Examples,
     validation: Examples,
     *,
+    task: Task | None = None,
     device: str | torch.device = "cpu",
     backend: Backend = "auto",
     **options: Any,
 ) -> tuple[Network, Training]:
     """Train a network for the afferents and classes of some spike trains, with the choices of its recipe; and its log.
 
-    options: of `ensemble.train`.
+    task: as for `tasks.names_of`. options: of `ensemble.train`.
     """
 
     def new(spec: RSNNSpec, seeds: tuple[int, int]) -> tuple[Network, torch.Generator]:
-        network, order = new_network(trains, spec, seeds, training.spikes, backend=backend)
+        network, order = new_network(trains, spec, seeds, training.spikes, task, backend=backend)
         return network.to(device), order
 
     chosen = recipe.chosen_for(spec, training.spikes, trains.sampling_rate_Hz)
@@ -110,14 +111,17 @@ def finished(network: Network, training: Training, sides: Sides, task: Task) -> 
 
 
 def new_network(
-    trains: SpikeTrains, spec: RSNNSpec, seeds: tuple[int, int], training: Tensor, *, backend: Backend = "auto"
-) -> tuple[Network, torch.Generator]:
+    trains: SpikeTrains, spec: RSNNSpec, seeds: tuple[int, int], training: Tensor, task: Task | None = None, *,
+    backend: Backend = "auto",
+) -> tuple[Network, torch.Generator]:  # fmt: skip
     """An untrained network for the afferents and classes of some spike trains, and the generator of the trials' order.
 
     training: spikes of the training windows; a recipe chooses from them, and weights are scaled on them.
+    task: as for `tasks.names_of`.
     """
     weights, order = (torch.Generator().manual_seed(seed) for seed in seeds)
-    return begin(training, len(trains.classes), spec, trains.sampling_rate_Hz, weights, backend=backend), order
+    names = names_of(trains, task)
+    return begin(training, len(names), spec, trains.sampling_rate_Hz, weights, backend=backend), order
 
 
 def begin(

@@ -11,7 +11,7 @@ from neurotact.errors import InputError
 from neurotact.metrics import synops
 from neurotact.networks.training.provenance import Provenance, first_difference
 from neurotact.networks.training.run_folder import Restored
-from neurotact.networks.training.tasks import examples_of, warn_of_onsets
+from neurotact.networks.training.tasks import examples_of, names_of, warn_of_onsets
 from neurotact.networks.use.measuring import synops_of
 from neurotact.progress import say
 
@@ -46,7 +46,7 @@ def infer(
     sides = np.full(len(trains), synops.UNKNOWN) if known is None else known.sides(trains)
     trials = _tested(trains, known) if test_only else np.arange(len(trains))
     warn_of_onsets(trains.select(trials), restored.task.window)
-    examples, windows = examples_of(trains, trials, restored.task.window)
+    examples, windows = examples_of(trains, trials, restored.task)
     fits = ~np.isin(np.arange(len(trains)), np.setdiff1d(trials, windows.trial))
     for line in left_out(fits, 1e3 * trains.trial_steps / trains.sampling_rate_Hz):
         warnings.warn(line, stacklevel=2)
@@ -57,7 +57,7 @@ def infer(
     labels, steps, input_spikes, hidden_spikes = (part.cpu().numpy() for part in result[:4])
     table = synops.table_of(
         synops_of(result, network),
-        labels=np.array(trains.classes)[trains.labels[windows.trial]],
+        labels=np.array(names_of(trains, restored.task))[examples.labels],
         predicted=np.array(restored.classes)[labels],
         steps=steps,
         input_spikes=input_spikes,

@@ -16,7 +16,7 @@ from neurotact.metrics import synops
 from neurotact.networks.definition.network import CountedInference, Inference, Network
 from neurotact.networks.exit import truncated
 from neurotact.networks.exit.patience import oracle_exit
-from neurotact.networks.training.epochs import GAINS, Examples
+from neurotact.networks.training.epochs import GAINS, Examples, right
 from neurotact.networks.training.tasks import Sides, Task, examples_of
 from neurotact.networks.training.trainer import Trained
 from neurotact.tables import records
@@ -70,7 +70,7 @@ def measure(trained: Trained, sides: Sides, populations: Mapping[str, np.ndarray
         **({"direct": 1} if network.spec.direct and network.spec.hidden else {}),
     }
     matrix = confusion_matrix(test.labels, full.labels.cpu(), labels=range(network.n_classes))
-    right, exit_right = ((result.labels.cpu() == test.labels).tolist() for result in (full, early))
+    right, exit_right = (right_of(result, test) for result in (full, early))
     found = {"row": row, "confusion": matrix.tolist(), "right": right, "exit_right": exit_right}
     return found if held is None else {**found, "exit_losses": {**held.losses}}
 
@@ -149,9 +149,14 @@ def synops_of(inference: Inference, network: Network) -> synops.Synops:
     return network.operations(inference.input_spikes.cpu().numpy(), inference.hidden_spikes.cpu().numpy(), sops)
 
 
+def right_of(inference: Inference, examples: Examples) -> list[float]:
+    """`epochs.right` of each window that was decided."""
+    return right(inference.readout.cpu(), examples.labels, examples.deviation).tolist()
+
+
 def accuracy_of(inference: Inference, examples: Examples) -> float:
-    """The share of windows that were decided correctly."""
-    return float((inference.labels.cpu() == examples.labels).double().mean())
+    """The share of windows that were decided correctly, or the mean score of numbers."""
+    return float(np.mean(right_of(inference, examples)))
 
 
 def by_condition(network: Network, trains: SpikeTrains, task: Task) -> list[dict[str, Any]]:
@@ -168,7 +173,7 @@ def by_condition(network: Network, trains: SpikeTrains, task: Task) -> list[dict
     for values, group in table.iloc[test].groupby(list(task.stratify), sort=True):
         trials = np.sort(group.index.to_numpy())
         for is_known in sorted(set(known[trials].tolist())):
-            examples, _ = examples_of(trains, trials[known[trials] == is_known], task.window)
+            examples, _ = examples_of(trains, trials[known[trials] == is_known], task)
             inference = network.infer(examples.spikes.to(network.device))
             rows.append(
                 {
