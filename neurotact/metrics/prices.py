@@ -35,7 +35,13 @@ NEURONS = ("neuron_updates", "neuron_macs", "neuron_comparisons", "readout_updat
 MEMORIES = ("weights", "states", "buffers")
 """The memories of a chain: what training fixes; what lasts from sample to sample; spikes and features on their way."""
 ACCESSES = tuple(f"{memory}_accesses" for memory in MEMORIES)
-PRICED = (*OPERATIONS, "sops", *NEURONS, *ACCESSES, *(f"{memory}_bytes" for memory in MEMORIES))
+OF_WIDTH = (*OPERATIONS, "weights_accesses", "states_accesses", "weights_bytes", "states_bytes")
+"""Of these a `Cost` also has, after `WIDE`, how many are on 32-bit numbers where a chain computes in integers."""
+WIDE = "wide_"
+PRICED = (
+    *OPERATIONS, "sops", *NEURONS, *ACCESSES, *(f"{memory}_bytes" for memory in MEMORIES),
+    *(f"{WIDE}{name}" for name in OF_WIDTH),
+)  # fmt: skip
 """What a price list can have a price of: names of a `flops.Cost`."""
 
 
@@ -87,6 +93,8 @@ class PriceList(Spec):
     """Of a step of a readout neuron that only adds up, on a chip that visits all on every step; absent: nothing."""
     event_driven: bool = False
     """Whether neurons are updated when a spike comes, in place of on every step."""
+    wide: PriceList | None = None
+    """Of a list of narrower integers: prices on 32-bit numbers, in which an exported encoder computes; absent: as all."""
 
     @model_validator(mode="before")
     @classmethod
@@ -130,9 +138,20 @@ class PriceList(Spec):
         """The energy of numbers of operations and accesses, in nJ; of a table with a column for each, that of each row.
 
         counted: names of `PRICED`. A kind of operation that is not there costs nothing; NaN where accesses that
-        have a price are not there.
+        have a price are not there, and by a list with prices `wide` where the width of operations is not there.
         """
         own = {name: counted[name] for name in counted if name in PRICED}
+        if self.wide is None:
+            return 1e-3 * self._energy_pJ(own)
+        wide = {name: own.get(f"{WIDE}{name}", math.nan) for name in OF_WIDTH}
+        rest = own | {name: own.get(name, 0) - wide[name] for name in OF_WIDTH}
+        for size in ("weights_bytes", "states_bytes"):  # both lie in one memory
+            rest[size] = rest[size] + wide[size] * self.wide.bits / self.bits
+            wide[size] = rest[size] * self.bits / self.wide.bits
+        return 1e-3 * (self._energy_pJ(rest) + self.wide._energy_pJ({**wide, "buffers_accesses": 0}))
+
+    def _energy_pJ(self, own: Mapping[str, Any]) -> Any:  # noqa: N802
+        """Of operations and accesses of one width."""
         total, on_chip = 0.0, self._on_chip(own)
         for kind, price in self.by_kind.items():
             total = total + price * (own.get(kind, 0) - on_chip.get(kind, 0))
@@ -146,7 +165,7 @@ class PriceList(Spec):
         for memory in MEMORIES if self.memory_pJ else ():
             accesses, size = own.get(f"{memory}_accesses", math.nan), own.get(f"{memory}_bytes", 0)
             total = total + accesses * self.access_pJ(size)
-        return 1e-3 * total
+        return total
 
     def access_pJ(self, size: Any) -> Any:  # noqa: N802
         """The price of an access to a number in a memory; size: bytes if numbers have 32 bits.
@@ -179,7 +198,14 @@ class PriceList(Spec):
             f"{pJ['macs']:g} pJ per MAC, {pJ['acs']:g} pJ per addition{self._comparison()}, "
             f"{pJ['multiplications']:g} pJ per other multiplication, {pJ['divisions']:g} pJ per division, "
             f"{pJ['exponentials']:g} pJ per exponential{self.operations and ', '}{self.operations} ({self.source})."
+            f"{self._encoding()}"
         )
+
+    def _encoding(self) -> str:
+        if self.wide is None:
+            return ""
+        pJ, bits = self.wide.by_kind, self.wide.bits
+        return f" Encoding computes in {bits} bits: {pJ['macs']:g} pJ per MAC, {pJ['acs']:g} pJ per addition."
 
     def _memory(self) -> str:
         if not self.memory_pJ:
