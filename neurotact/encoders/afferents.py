@@ -476,22 +476,23 @@ def cost(spec: Mapping[str, Any], taxels: int, steps: int, step_ms: float) -> Co
     Per afferent and step: gain times drive and the membrane's decay (two MACs) and the comparison with the threshold;
     RA-I takes a difference and its absolute value beside, once a taxel. Refractory steps are counted as the others.
     Where the signal's rise drives SA-I, too: the larger of the change and zero, and a MAC to add it, once a taxel.
-    Of taxels without an RA-I (or such an SA-I) there is no difference, and the sample before is not kept. All are numbers
-    of 32 bits but refractory counters on a clock, as many as one byte counts (`neurotact_parts.exporters.c`).
+    Of taxels without an RA-I (or such an SA-I) there is no difference, and the sample before is not kept.
+    Numbers have 32 bits, as in exported integer C, but for refractory counters on a clock if a byte counts their steps.
     """
     kinds = [spec.get(part) or {} for part in POPULATIONS]
     sa1, ra1 = ({*under(kind, taxels)} for kind in kinds)
     rising = sa1 if kinds[0].get("rate_ms") else set()
-    gains = sum(len(marks(kind)) for kind, its in zip(kinds, (sa1, ra1), strict=True) if its)
-    n = sum(len(marks(kind)) * len(its) for kind, its in zip(kinds, (sa1, ra1), strict=True))
+    used = [(kind, its) for kind, its in zip(kinds, (sa1, ra1), strict=True) if its]
+    gains = sum(len(marks(kind)) for kind, _ in used)
+    n = sum(len(marks(kind)) * len(its) for kind, its in used)
     state = n + len(ra1 | rising)  # membranes, the sample before
     step = Cost(
         macs=2 * n + len(rising), acs=len(ra1 | rising), comparisons=n + len(ra1) + len(rising), weights_accesses=n,
         **changed(state),
     )  # fmt: skip
     counters = with_weights(0, n, **changed(n, steps))
-    longest = max(kind.get("t_ref_ms", 1.0) for kind in kinds)
-    if spec.get("integration") == "exact" or not step_ms or index_bytes(round(longest / step_ms) + 1) > 1:
+    longest = max(refractory_steps(kind.get("t_ref_ms", 1.0), 1e3 / step_ms) for kind, _ in used) if step_ms else 0
+    if spec.get("integration") == "exact" or index_bytes(longest + 1) > 1:
         counters = counters.in_32_bits()
     return (with_weights(gains, state) + step.times(steps)).in_32_bits() + counters
 

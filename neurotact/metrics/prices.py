@@ -94,7 +94,7 @@ class PriceList(Spec):
     event_driven: bool = False
     """Whether neurons are updated when a spike comes, in place of on every step."""
     wide: PriceList | None = None
-    """Of a list of narrower integers: prices on 32-bit numbers, in which an exported encoder computes; absent: as all."""
+    """Of a list of narrower integers: prices on 32-bit numbers, in which exported C encodes; absent: as all others."""
 
     @model_validator(mode="before")
     @classmethod
@@ -111,6 +111,8 @@ class PriceList(Spec):
     def _operations_have_a_price(self) -> PriceList:
         if self.sent_operation_pJ is not None and self.synaptic_operation_pJ is None:
             raise InputError("sent_operation_pJ: needs a price of the others, synaptic_operation_pJ; add it")
+        if self.wide is not None and bool(self.wide.memory_pJ) != bool(self.memory_pJ):
+            raise InputError("wide.memory_pJ: must be there where memory_pJ is, and only there")
         return self
 
     @field_validator("memory_pJ")
