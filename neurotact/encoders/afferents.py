@@ -7,6 +7,7 @@ vibration with one spike a cycle; and SA-I driven by the signal's rise, too, whi
 (`docs/afferent-validation.md`).
 """
 
+import math
 from collections.abc import Mapping, Sequence
 from typing import Annotated, Any, Literal, NamedTuple, Self
 
@@ -491,8 +492,9 @@ def cost(spec: Mapping[str, Any], taxels: int, steps: int, step_ms: float) -> Co
         **changed(state),
     )  # fmt: skip
     counters = with_weights(0, n, **changed(n, steps))
-    longest = max(refractory_steps(kind.get("t_ref_ms", 1.0), 1e3 / step_ms) for kind, _ in used) if step_ms else 0
-    if spec.get("integration") == "exact" or index_bytes(longest + 1) > 1:
+    longest_ms = max(kind.get("t_ref_ms", 1.0) for kind, _ in used)
+    most = math.ceil(longest_ms / step_ms * (1 - 1e-9)) + 1 if step_ms else 1
+    if spec.get("integration") == "exact" or index_bytes(most) > 1:
         counters = counters.in_32_bits()
     return (with_weights(gains, state) + step.times(steps)).in_32_bits() + counters
 
