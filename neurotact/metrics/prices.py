@@ -10,7 +10,7 @@ import math
 from collections.abc import Mapping
 from functools import cache
 from pathlib import Path
-from typing import Annotated, Any, ClassVar
+from typing import Annotated, Any, ClassVar, Self
 
 import numpy as np
 from pydantic import BeforeValidator, Field, field_validator, model_validator
@@ -45,16 +45,8 @@ PRICED = (
 """What a price list can have a price of: names of a `flops.Cost`."""
 
 
-class PriceList(Spec):
-    """The energy of an operation of each kind and of an access to memory, in picojoules (`prices/*.toml`).
-
-    >>> mine = PriceList(source="my data sheet", multiplication_pJ=1.0, addition_pJ=0.25)
-    >>> mine.energy_nJ({"macs": 1000, "acs": 4000}), mine.by_kind["divisions"]
-    (2.25, 2.5)
-
-    With a price of memory, what is read and written costs, and is NaN where it is not counted; a price of a neuron's
-    update or of a synaptic operation stands for all that they take.
-    """
+class OneWidth(Spec):
+    """The energy of operations and accesses on numbers of one width; see `PriceList`."""
 
     folder: ClassVar[str] = "prices"
 
@@ -93,8 +85,6 @@ class PriceList(Spec):
     """Of a step of a readout neuron that only adds up, on a chip that visits all on every step; absent: nothing."""
     event_driven: bool = False
     """Whether neurons are updated when a spike comes, in place of on every step."""
-    wide: PriceList | None = None
-    """Of a list of narrower integers: prices on 32-bit numbers, in which exported C encodes; absent: as all others."""
 
     @model_validator(mode="before")
     @classmethod
@@ -108,11 +98,9 @@ class PriceList(Spec):
         return {**other, **{key: value for key, value in table.items() if key != "like"}}
 
     @model_validator(mode="after")
-    def _operations_have_a_price(self) -> PriceList:
+    def _operations_have_a_price(self) -> Self:
         if self.sent_operation_pJ is not None and self.synaptic_operation_pJ is None:
             raise InputError("sent_operation_pJ: needs a price of the others, synaptic_operation_pJ; add it")
-        if self.wide is not None and bool(self.wide.memory_pJ) != bool(self.memory_pJ):
-            raise InputError("wide.memory_pJ: must be there where memory_pJ is, and only there")
         return self
 
     @field_validator("memory_pJ")
@@ -136,23 +124,7 @@ class PriceList(Spec):
             "exponentials": _or(self.exponential_pJ, EXPONENTIAL_MACS * mac),
         }
 
-    def energy_nJ(self, counted: Mapping[str, Any] | pd.DataFrame) -> Any:  # noqa: N802
-        """The energy of numbers of operations and accesses, in nJ; of a table with a column for each, that of each row.
-
-        counted: names of `PRICED`. A kind of operation that is not there costs nothing; NaN where accesses that
-        have a price are not there, and by a list with prices `wide` where the width of operations is not there.
-        """
-        own = {name: counted[name] for name in counted if name in PRICED}
-        if self.wide is None:
-            return 1e-3 * self._energy_pJ(own)
-        wide = {name: own.get(f"{WIDE}{name}", math.nan) for name in OF_WIDTH}
-        rest = own | {name: own.get(name, 0) - wide[name] for name in OF_WIDTH}
-        for size in ("weights_bytes", "states_bytes"):  # both lie in one memory
-            rest[size] = rest[size] + wide[size] * self.wide.bits / self.bits
-            wide[size] = rest[size] * self.bits / self.wide.bits
-        return 1e-3 * (self._energy_pJ(rest) + self.wide._energy_pJ({**wide, "buffers_accesses": 0}))
-
-    def _energy_pJ(self, own: Mapping[str, Any]) -> Any:  # noqa: N802
+    def energy_pJ(self, own: Mapping[str, Any]) -> Any:  # noqa: N802
         """Of operations and accesses of one width."""
         total, on_chip = 0.0, self._on_chip(own)
         for kind, price in self.by_kind.items():
@@ -187,6 +159,43 @@ class PriceList(Spec):
         of_updates = {"macs": "neuron_macs", "comparisons": "neuron_comparisons"}
         found = {} if self.neuron_update_pJ is None else {k: own.get(name, 0) for k, name in of_updates.items()}
         return found if self.synaptic_operation_pJ is None else {**found, "acs": own.get("sops", 0)}
+
+
+class PriceList(OneWidth):
+    """The energy of an operation of each kind and of an access to memory, in picojoules (`prices/*.toml`).
+
+    >>> mine = PriceList(source="my data sheet", multiplication_pJ=1.0, addition_pJ=0.25)
+    >>> mine.energy_nJ({"macs": 1000, "acs": 4000}), mine.by_kind["divisions"]
+    (2.25, 2.5)
+
+    With a price of memory, what is read and written costs, and is NaN where it is not counted; a price of a neuron's
+    update or of a synaptic operation stands for all that they take.
+    """
+
+    wide: OneWidth | None = None
+    """Of a list of narrower integers: prices on 32-bit numbers, in which exported C encodes; absent: as all others."""
+
+    @model_validator(mode="after")
+    def _memory_has_both_prices(self) -> Self:
+        if self.wide is not None and bool(self.wide.memory_pJ) != bool(self.memory_pJ):
+            raise InputError("wide.memory_pJ: must be there where memory_pJ is, and only there")
+        return self
+
+    def energy_nJ(self, counted: Mapping[str, Any] | pd.DataFrame) -> Any:  # noqa: N802
+        """The energy of numbers of operations and accesses, in nJ; of a table with a column for each, that of each row.
+
+        counted: names of `PRICED`. A kind of operation that is not there costs nothing; NaN where accesses that
+        have a price are not there, and by a list with prices `wide` where the width of operations is not there.
+        """
+        own = {name: counted[name] for name in counted if name in PRICED}
+        if self.wide is None:
+            return 1e-3 * self.energy_pJ(own)
+        wide = {name: own.get(f"{WIDE}{name}", math.nan) for name in OF_WIDTH}
+        rest = own | {name: own.get(name, 0) - wide[name] for name in OF_WIDTH}
+        for size in ("weights_bytes", "states_bytes"):  # both lie in one memory
+            rest[size] = rest[size] + wide[size] * self.wide.bits / self.bits
+            wide[size] = rest[size] * self.bits / self.wide.bits
+        return 1e-3 * (self.energy_pJ(rest) + self.wide.energy_pJ({**wide, "buffers_accesses": 0}))
 
     def repriced(self, table: pd.DataFrame) -> pd.DataFrame:
         """A table of costs that the default list priced, with the energy by this one."""

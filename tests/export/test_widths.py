@@ -160,8 +160,8 @@ def test_rows_that_do_not_say_widths_are_not_counted_by_lists_that_have_several(
 
 def test_a_list_says_its_prices_of_both_widths():
     assert "Encoding computes in 32 bits: 3.2 pJ per MAC, 0.1 pJ per addition." in INT8.in_words()
-    mine = PriceList(like="int8-45nm", addition_pJ=0.07)
+    mine = PriceList(**{"like": "int8-45nm", "addition_pJ": 0.07})
     assert mine.wide == INT8.wide
     assert "Encoding" not in price_list("memory-45nm").in_words()
     with pytest.raises(InputError, match=r"wide\.memory_pJ: must be there where memory_pJ is, and only there"):
-        PriceList(like="int8-45nm", wide={"like": "lemaire-2022", "memory_pJ": []})
+        PriceList(**{"like": "int8-45nm", "wide": {"like": "arithmetic-45nm"}})
