@@ -16,7 +16,7 @@ from neurotact.figures.encoding import Classes
 from neurotact.figures.style import Drawn
 from neurotact.files import write_json
 from neurotact.metrics import referee
-from neurotact.metrics.prices import NEURONS
+from neurotact.metrics.prices import NEURONS, WIDE
 from neurotact.networks.use import ledger
 from neurotact.networks.use.ledger import Afferents
 from neurotact.progress import say
@@ -375,7 +375,8 @@ def _ledger(
 def _ledger_table(costs: pd.DataFrame | None) -> Table | None:
     if costs is None:
         return None
-    shown = costs.drop(columns=["prices", *NEURONS, *(name for name in costs if str(name).endswith("s_bytes"))])
+    parts = [name for name in costs if str(name).endswith("s_bytes") or str(name).startswith(WIDE)]
+    shown = costs.drop(columns=["prices", *NEURONS, *parts])
     rows = [[row[0], *(count(value, 6) for value in row[1:])] for row in shown.itertuples(index=False, name=None)]
     return Table(
         "Operations and energy of each decision",
