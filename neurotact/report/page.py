@@ -27,6 +27,8 @@ from neurotact.studies.study import to_toml
 
 ANSWER, PAGE = "answer.json", "report.html"
 """The first screen of a report for programs, where its study has an answer in words."""
+STUDY, RECORDINGS = "STUDY", "RECORDINGS"
+"""Stand in the commands of answer.json for the folder and the recordings of the study, wherever they are."""
 NETWORKS = ("marks.js", "plotly.js", "state.js", "cell.js", "trade_off.js", "compare.js", "table.js", "main.js")
 PROTOCOL = ("marks.js", "plotly.js", "state.js", "table.js", "protocol.js")
 
@@ -194,6 +196,19 @@ def _as_typed(settings: str, option: str) -> str | None:
     if not isinstance(given, dict):
         return None
     return f"`{' '.join(f'{option} {shlex.quote(text_of)}' for text_of in assignments_of(given))}`"
+
+
+def moved(command: str, places: Mapping[str, str]) -> str:
+    """A command whose paths begin elsewhere. places: the new beginning of a path, by the one that it has.
+
+    >>> moved("neurotact study run STUDY/study.toml -o STUDY-more", {STUDY: "/my runs/mine"})
+    "neurotact study run '/my runs/mine/study.toml' -o '/my runs/mine-more'"
+    """
+    words = shlex.split(command)
+    for old, new in places.items():
+        begins = re.compile(rf"{re.escape(old)}(?=[/\\-]|$)")
+        words = [begins.sub(lambda _, new=new: new, word, count=1) if begins.match(word) else word for word in words]
+    return shlex.join(words)
 
 
 def plain(value: Any) -> str | float:
