@@ -213,9 +213,9 @@ def to_latex(table: pd.DataFrame, caption: str = "") -> str:
     \\end{tabular}
     \\end{table}
     """
-    head, *body = (" & ".join(map(_in_latex, line)) + r" \\" for line in _lines(table))
+    head, *body = (" & ".join(map(in_latex, line)) + r" \\" for line in _lines(table))
     sides = "".join("r" if is_number else "l" for is_number in _are_numbers(table))
-    title = rf"\caption{{{_in_latex(caption)}}}" if caption else ""
+    title = rf"\caption{{{in_latex(caption)}}}" if caption else ""
     top = [r"\toprule", head, r"\midrule"]
     if len(body) > ONE_PAGE:
         above = [rf"\begin{{longtable}}{{{sides}}}", f"{title} \\\\" if title else "", *top, r"\endhead"]
@@ -226,7 +226,7 @@ def to_latex(table: pd.DataFrame, caption: str = "") -> str:
     return "\n".join(filter(None, lines))
 
 
-def _in_latex(text: str) -> str:
+def in_latex(text: str) -> str:
     """One line of LaTeX that shows a text; a number as in print."""
     number = re.fullmatch(r"(-?)([\d.]+)(?:e([+-]\d+))?", text)
     if number and (number[1] or number[3]):
