@@ -29,8 +29,9 @@ NETWORKS = {"rsnn": "a recurrent spiking network", "snn": "a feed-forward spikin
 
 
 WORDS = {
-    "hidden": "hidden neurons", "t ref": "refractory period", "v rest": "resting potential", "v reset": "reset potential",
-    "v threshold": "threshold", "tau mem": "membrane time constant", "tau syn": "synaptic time constant",
+    "hidden": "hidden neurons", "t ref": "refractory period", "v rest": "resting potential",
+    "v reset": "reset potential", "v threshold": "threshold", "tau mem": "membrane time constant",
+    "tau syn": "synaptic time constant",
     "sa1": "SA-I", "ra1": "RA-I", "pc": "PC", "rate penalty": "penalty of the spike rate", "batch": "batches of",
     "epochs": "epochs at most", "membrane": "membrane equation",
 }  # fmt: skip
@@ -92,8 +93,8 @@ def listed(table: Mapping[str, Any]) -> str:
 
 
 def _setting(key: str, value: Any) -> str:
-    """One setting; empty for one that is absent or off."""
-    if value in (None, False, "", [], {}) and key != "seed":
+    """One setting; empty for one that is absent or off, and for the place of recordings."""
+    if (value in (None, False, "", [], {}) and key != "seed") or key in ("file", "path"):
         return ""
     name, unit = _named(key)
     if isinstance(value, Mapping):
@@ -224,7 +225,7 @@ def _network(study: StudySpec, network: RSNNSpec) -> Iterator[str]:
     yield _sweep(study)
     yield (
         "Early exit stops a window where its decision is stable; its patience may lose "
-        f"{100 * study.early_exit.tolerance:g} points of the validation accuracy."
+        f"{100 * study.early_exit.tolerance:g} % of the validation trials."
     )
 
 
