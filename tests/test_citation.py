@@ -9,17 +9,17 @@ import neurotact as nt
 
 ROOT = Path(__file__).parents[1]
 KEYS = {
-    "abstract", "authors", "cff-version", "commit", "contact", "date-released", "doi", "identifiers", "keywords", "license",
-    "license-url", "message", "preferred-citation", "references", "repository", "repository-artifact", "repository-code",
-    "title", "type", "url", "version",
+    "abstract", "authors", "cff-version", "commit", "contact", "date-released", "doi", "identifiers", "keywords",
+    "license", "license-url", "message", "preferred-citation", "references", "repository", "repository-artifact",
+    "repository-code", "title", "type", "url", "version",
 }  # fmt: skip
 ENTITY = {
     "address", "alias", "city", "country", "date-end", "date-start", "email", "fax", "location", "name", "orcid",
     "post-code", "region", "tel", "website",
 }  # fmt: skip
 PERSON = {
-    "address", "affiliation", "alias", "city", "country", "email", "family-names", "fax", "given-names", "name-particle",
-    "name-suffix", "orcid", "post-code", "region", "tel", "website",
+    "address", "affiliation", "alias", "city", "country", "email", "family-names", "fax", "given-names",
+    "name-particle", "name-suffix", "orcid", "post-code", "region", "tel", "website",
 }  # fmt: skip
 
 

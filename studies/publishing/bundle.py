@@ -6,6 +6,7 @@ import re
 import shutil
 from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
+from importlib import resources
 from pathlib import Path, PurePosixPath
 from tempfile import TemporaryDirectory
 from typing import Any, NamedTuple
@@ -34,25 +35,6 @@ with lazily():
 HASHES, RECORDINGS, AGAIN = "SHA256SUMS", "recordings.sha256", "reproduce.sh"
 SHARED = "$NEUROTACT_DATA/"
 """Begins the path of recordings whose folder the environment names; in a bundle that is `data`."""
-SCRIPT = """#!/bin/sh
-# Runs this study again in the folder `again`, and compares its answer and its tables byte by byte.
-set -eu
-cd "$(dirname "$0")"
-export NEUROTACT_DATA="$PWD/data"
-rm -rf again
-${{NEUROTACT:-neurotact}} study run study.toml -o again
-differ=0
-for name in {names}; do
-    here="tables/$name"
-    [ "$name" = answer.json ] && here="$name"
-    cmp "$here" "again/$name" || differ=$((differ + 1))
-done
-if [ "$differ" != 0 ]; then
-    echo "$differ of {count} files differ; versions.json has the versions and the machine of the study"
-    exit 1
-fi
-echo "all {count} files are the same"
-"""
 README = """# {title}
 
 {about}
@@ -140,7 +122,8 @@ def bundle_study(
         _write(draft / "references.bib", references.bibtex(what, files.read_json(folder / runner.VERSIONS)))
         if sources:
             _write(draft / RECORDINGS, listed)
-        _write(draft / AGAIN, SCRIPT.format(names=" ".join(names), count=len(names)))
+        script = (resources.files(__package__ or "") / AGAIN).read_text(encoding="utf-8")
+        _write(draft / AGAIN, script.replace("NAMES", " ".join(names)).replace("COUNT", str(len(names))))
         (draft / AGAIN).chmod(0o755)
         _write(draft / "README.md", _readme(what, sources, prints.WIDTHS_in[width], without_data))
         for path, kept in () if without_data else (pair for source in sources for pair in source.files()):

@@ -34,9 +34,10 @@ def _narrow(figure: Figure, legend: Legend, width_in: float) -> None:
     """Put a legend above all panels in place of one that is too wide, with as many columns as fit."""
     names = [text.get_text() for text in legend.get_texts()]
     title = legend.get_title().get_text() or None
+    handles = [handle for handle in legend.legend_handles if handle is not None]
     legend.remove()
     for n_columns in range(len(names), 0, -1):
-        new = figure.legend(legend.legend_handles, names, loc="outside upper center", ncols=n_columns, title=title)
+        new = figure.legend(handles, names, loc="outside upper center", ncols=n_columns, title=title)
         figure.draw_without_rendering()
         if new.get_window_extent().width <= width_in * figure.dpi:
             return

@@ -57,7 +57,7 @@ def _without_end(doi: str) -> str:
 @cache
 def known() -> dict[str, str]:
     """The entries of `references.bib`, by each DOI, arXiv number and package."""
-    text = (resources.files(__package__) / "references.bib").read_text(encoding="utf-8")
+    text = (resources.files(__package__ or "") / "references.bib").read_text(encoding="utf-8")
     found = {}
     for entry in re.findall(r"^@.*?^\}", text, re.MULTILINE | re.DOTALL):
         fields = dict(FIELD.findall(entry))
@@ -139,8 +139,9 @@ def used(study: Study) -> Iterator[tuple[plugins.Group, str]]:
     yield "ways", study.way
     if isinstance(study, StudySpec):
         if study.baselines != "none":
-            takes = get_args(opponent.Takes) if study.baselines != "readout" else ("features",)
-            yield from (("opponents", name) for one in takes for name in opponent.joined(one, study.baselines))
+            for takes in get_args(opponent.Takes):
+                for name in opponent.joined(takes, study.baselines):
+                    yield "opponents", name
         yield "prices", study.prices.name
     for key, value in _leaves(study.model_dump(mode="json")):
         for group in GROUPS.get(key, ()):
