@@ -98,7 +98,7 @@ def bundle_study(
 
     >>> nt.bundle_study("mine", "bundle", width="ieee-column")  # doctest: +SKIP
     """
-    one_of("width", width, list(prints.WIDTHS_in))
+    one_of("width", width, tuple(prints.WIDTHS_in))
     folder, target = Path(study), Path(out)
     what = runner.load(folder)
     _check_place(target, folder, force)
