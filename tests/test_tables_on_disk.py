@@ -117,6 +117,11 @@ def test_a_latex_table_has_the_rules_of_booktabs_and_ends_what_it_begins(tmp_pat
     assert r"\caption{Of a\_b}" in text
 
 
+def test_latex_shows_numbers_as_in_print():
+    lines = to_latex(pd.DataFrame({"n": [-5.0, 1e20, 0.25, np.nan]})).splitlines()
+    assert lines[6:10] == [r"$-5$ \\", r"$1 \times 10^{20}$ \\", r"0.25 \\", r"- \\"]
+
+
 def test_numbers_and_ordinary_names_are_written_as_they_are(tmp_path):
     table = pd.DataFrame({"-n": [-1.5, 2.0], "label": ["P0.5-a", "'felt'"], "t_ref_ms": ["-1e-3", "+2"]})
     write_table(table, tmp_path / "t.csv")

@@ -55,11 +55,18 @@ def test_the_citation_of_a_public_set_becomes_an_entry(name):
             "doi\n# 10.1016/S0893-6080(01)00078-8). And arXiv\n# 2210.13107.",
             ["10.1016/S0893-6080(01)00078-8", "2210.13107"],
         ),
+        ("(doi 10.1000/a(1)).", ["10.1000/a(1)"]),
         ("doi 10.1145/1; doi 10.1145/1, 3.10 and 10.5", ["10.1145/1"]),
     ],
 )
 def test_numbers_end_where_their_sentence_does(text, found):
     assert references.numbers_in(text) == found
+
+
+def test_a_price_list_cites_what_it_is_like(monkeypatch):
+    monkeypatch.setattr(references, "used", lambda study: [("prices", "loihi")])
+    numbers = {number for text in references.texts(SimpleNamespace()) for number in references.numbers_in(text)}
+    assert numbers == {"10.1109/MM.2018.112130359", "10.1109/ISSCC.2014.6757323"}
 
 
 def test_the_source_of_another_package_is_cited_by_its_number():
