@@ -6,7 +6,7 @@ Too high, and all inter-spike intervals (ISIs) crowd at the refractory period; t
 import math
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import replace
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 import pandas as pd
@@ -163,7 +163,7 @@ def search(
     rng: np.random.Generator,
     progress: Progress | None,
 ) -> _Searched:
-    """The spikes of each population at each candidate gain."""
+    """The spikes of each population at each candidate gain (`_ascend`)."""
     n_seconds = np.array(excerpts.signals.lengths) / excerpts.sampling_rate_Hz
     labels = excerpts.labels
     labellings = [labels, *permuted(labels, rule.shuffles, rng, excerpts.numbers)]
@@ -171,12 +171,12 @@ def search(
     edges = [_edges(excerpts, spec, sensitivity) for sensitivity in sensitivities]
     rows, isi, rates, prepared = [], [], {}, _prepared(excerpts, spec)
 
-    def tried(values: Sequence[float]) -> list[float]:
-        """Spikes per second of an afferent of each sensitivity at these values, which are added to the tables."""
-        encoder = _with(spec, dict(zip(sensitivities, values, strict=True)))
-        for sensitivity, value, steps, fired in zip(
-            sensitivities, values, edges, _fire(prepared, encoder, sensitivities), strict=True
-        ):
+    def tried(values: Sequence[float], of: Sequence[Sensitivity] = sensitivities) -> list[dict[str, Any]]:
+        """The rows of these values of each sensitivity, or of some (`of`), which are added to the tables."""
+        encoder, n_before = _with(spec, dict(zip(sensitivities, values, strict=True))), len(rows)
+        for sensitivity, fired in zip(of, _fire(prepared, encoder, of), strict=True):
+            place = sensitivities.index(sensitivity)
+            value, steps = values[place], edges[place]
             row = {
                 "afferent": sensitivity.name,
                 "gain": value,
@@ -197,16 +197,14 @@ def search(
                     f"{sensitivity.name} {value:g}" for sensitivity, value in zip(sensitivities, values, strict=True)
                 ),
             )
-        return [row["spikes_per_s"] for row in rows[-len(sensitivities) :]]
+        return rows[n_before:]
 
     if rule.spikes_per_s is not None:
         _to_rate(spec, rule, tried)
     elif isinstance(spec, DrivenSpec):
-        for values in zip(*_candidates(excerpts, spec, rule).values(), strict=True):
-            tried(values)
+        _ascend([*_candidates(excerpts, spec, rule).values()], sensitivities, rule, tried, progress)
     else:
-        for values in zip(*_from_silence(prepared, spec, rule), strict=True):
-            tried(values)
+        _ascend(_from_silence(prepared, spec, rule), sensitivities, rule, tried, progress)
     places = {
         sensitivity.name: (order, -1 if sensitivity.is_threshold else 1)
         for order, sensitivity in enumerate(sensitivities)
@@ -231,7 +229,34 @@ def _with(spec: EncoderSpec, values: Mapping[Sensitivity, float]) -> EncoderSpec
     return spec
 
 
-def _to_rate(spec: EncoderSpec, rule: CalibrationRule, tried: Callable[[Sequence[float]], list[float]]) -> None:
+def _ascend(
+    candidates: Sequence[Sequence[float]],
+    sensitivities: Sequence[Sensitivity],
+    rule: CalibrationRule,
+    tried: Callable[[Sequence[float], Sequence[Sensitivity]], list[dict[str, Any]]],
+    progress: Progress | None,
+) -> None:
+    """Try the candidates of each sensitivity, from few spikes to many, up to the first that is too crowded.
+
+    What follows crowds more intervals at the refractory floor: it is never chosen, and has the most spikes to compute.
+    """
+    left = list(sensitivities)
+    for values in zip(*candidates, strict=True):
+        if left:
+            rows = tried(values, left)
+            left = [one for one, row in zip(left, rows, strict=True) if not is_crowded(row, rule)]
+        elif progress:
+            progress(1, "")
+
+
+def is_crowded(row: Mapping[str, Any], rule: CalibrationRule) -> bool:
+    """Whether few trials are silent and too many intervals at the refractory floor."""
+    return row["silent_share"] <= rule.max_silent_share and row["floor_share"] > rule.max_floor_share
+
+
+def _to_rate(
+    spec: EncoderSpec, rule: CalibrationRule, tried: Callable[[Sequence[float]], list[dict[str, Any]]]
+) -> None:
     """Try values that come nearer and nearer to the rate: steps of 8 until it is passed, then halves in logarithms.
 
     It ends where a value of each sensitivity is within `NEAREST` of the rate, and after `rule.candidates` steps.
@@ -247,7 +272,8 @@ def _to_rate(spec: EncoderSpec, rule: CalibrationRule, tried: Callable[[Sequence
             float(f"{math.exp(-x if sensitivity.is_threshold else x):.4g}")
             for sensitivity, x in zip(sensitivities, logs, strict=True)
         ]
-        for i, rate in enumerate(tried(values)):
+        for i, row in enumerate(tried(values)):
+            rate = row["spikes_per_s"]
             below[i], above[i] = (logs[i], above[i]) if rate < wanted else (below[i], logs[i])
             is_between = math.isfinite(below[i]) and math.isfinite(above[i])
             step = math.log(8) if rate < wanted else -math.log(8)

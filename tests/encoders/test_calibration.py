@@ -26,6 +26,7 @@ from neurotact.encoders.afferents import POPULATIONS, AfferentSpec
 from neurotact.encoders.calibration import (
     GRADES,
     Calibration,
+    _AtRest,
     _of_baselines,
     _of_polarities,
     _wakes,
@@ -107,7 +108,9 @@ def test_another_zero_and_another_unit_change_almost_no_spike(baseline):
 def test_the_chosen_gains_keep_the_limits_and_no_admissible_one_separates_better(fitted):
     for afferent, part in (("SA-I", "sa1"), ("RA-I", "ra1")):
         rows = fitted.table[fitted.table.afferent == afferent]
-        assert len(rows) == RULE.candidates
+        crowded = (rows.silent_share <= RULE.max_silent_share) & (rows.floor_share > RULE.max_floor_share)
+        assert not crowded[:-1].any()
+        assert len(rows) == RULE.candidates or crowded.iloc[-1]
         assert rows.gain.is_monotonic_increasing
         (chosen,) = rows[rows.chosen].itertuples()
         assert chosen.gain == getattr(fitted.encoder, part).gain
@@ -128,7 +131,7 @@ def test_higher_gains_silence_fewer_trials_and_crowd_more_intervals_at_the_floor
 
 def test_isi_distributions_are_distributions(fitted):
     totals = fitted.isi.groupby(["afferent", "gain", "label"]).share.sum()
-    assert len(totals) == 2 * RULE.candidates * 2
+    assert len(totals) == 2 * len(fitted.table)
     assert totals.to_numpy() == pytest.approx(1.0)
 
 
@@ -273,6 +276,38 @@ def test_the_shipped_fabric_encoder_is_what_calibration_gives_on_the_fabrics():
     fabrics = calibrate(train, without_baseline())
     assert fabrics.encoder == specs.load(AfferentSpec, SHIPPED)
     assert fabrics.table[fabrics.table.chosen].separation.min() > 0.1
+
+
+def recordings_of(name: str) -> Recordings:
+    """A set of `benchmarks/steady_choices.py`, real or made up."""
+    import steady_choices
+
+    if name in steady_choices.SETS or DATA.is_dir():
+        return steady_choices.recordings_of(name)
+    pytest.skip(f"the recordings are not at {DATA}; set NEUROTACT_DATA")
+
+
+@thinned("name", ["few", "clear", "unclear", "nothing", "slow", "fast", "drift", "falling", "either", "many",
+                  "fabrics", "cubes", "icub"])  # fmt: skip
+def test_what_follows_a_crowded_candidate_would_change_nothing(name, monkeypatch):
+    """The law by which a search ends early: encoder, rates and rows are those of a search of all candidates."""
+    monkeypatch.syspath_prepend(Path(__file__).parents[2] / "benchmarks")
+    monkeypatch.setenv("NEUROTACT_DATA", str(DATA))
+    recordings, rule = recordings_of(name), CalibrationRule(trials_per_class=10)
+    for spec in (without_baseline(), with_opposite(SPEC)):
+        found = calibrate(recordings, spec, rule=rule, steady=True, tell=False)
+        with patch("neurotact.encoders.gain_search.is_crowded", lambda *_: False):
+            whole = calibrate(recordings, spec, rule=rule, steady=True, tell=False)
+        assert found.encoder == whole.encoder
+        assert found.notes == whole.notes
+        np.testing.assert_array_equal(
+            np.hstack([found.rates, found.rates_ra]), np.hstack([whole.rates, whole.rates_ra])
+        )
+        rows = whole.table.merge(found.table[["afferent", "gain"]])
+        pd.testing.assert_frame_equal(rows, found.table)
+        left_out = whole.table.merge(found.table[["afferent", "gain"]], how="left", indicator=True)["_merge"] != "both"
+        assert (whole.table.floor_share[left_out] > rule.max_floor_share).all()
+        assert 0 < left_out.sum() < len(whole.table)
 
 
 # --- the parts of the rule --------------------------------------------------------------------------
@@ -730,10 +765,10 @@ def test_sa1_of_the_falling_signal_that_fire_at_rest_are_told_from_others():
     """Without a baseline the zero of both is the mean, above the rest of a signal that only rises."""
     spec = SPEC.model_copy(update={"conditioning": SPEC.conditioning.model_copy(update={"baseline": "none"})})
     fitted = [calibrate(rising(), each, rule=RULE).encoder for each in (spec, with_opposite(spec))]
-    assert _wakes(rising(), *fitted)
+    assert _wakes(_AtRest(rising()), *fitted)
     touched = rising().select(np.arange(32))
     touched = replace(touched, signals=[signal[500:] for signal in touched.signals])  # trials that begin in contact
-    assert not _wakes(touched, *fitted)
+    assert not _wakes(_AtRest(touched), *fitted)
 
 
 @pytest.mark.parametrize(("reached", "wakes", "is_chosen"), [
