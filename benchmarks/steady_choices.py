@@ -7,8 +7,8 @@ Of each real set in $NEUROTACT_DATA, and each made-up one (`made_sets`), a thous
 left out before windows and the encoder are chosen, and a thousandth of the spikes before the network is. A line for
 each choice that was not the same in all draws says how often it had which value.
 
---whole: calibrations alone, as they are and with all candidate gains, also those after the first that crowds too many
-intervals at the refractory floor: processor seconds of each, what is chosen, and whether both choose the same.
+--whole: calibrations alone, as they are and with all candidate gains, also those that cannot be chosen: processor
+seconds of each, what is chosen, and whether both choose the same.
 """
 
 import argparse
@@ -109,11 +109,14 @@ def told(name: str, found: Sequence[Mapping[str, Any]]) -> None:
 def beside_whole(name: str) -> None:
     """Print what a calibration chooses and takes, and how many times as long all candidates take."""
     touches, taken, found = recordings_of(name), [], []
-    for is_crowded in (gain_search.is_crowded, lambda *_: False):
-        with patch.object(gain_search, "is_crowded", is_crowded):
-            start_s = time.process_time()
+    following = gain_search.following
+    for every in (False, True):
+        start_s = time.process_time()
+        with patch.object(
+            gain_search, "following", lambda rows, rule, e=every: following(rows, rule.model_copy(update={"every": e}))
+        ):
             found.append(chosen_for_recordings(touches))
-            taken.append(time.process_time() - start_s)
+        taken.append(time.process_time() - start_s)
     choices, encoder = found[0]
     gains = {one.key: value_of(encoder, one) for one in sensitivities_of(encoder)}
     is_same = "the same" if found[0] == found[1] else f"NOT THE SAME: {found[1]}"

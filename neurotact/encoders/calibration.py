@@ -78,10 +78,10 @@ class Calibration(Generic[Encoder]):
     """An encoder for a sensor, and the search for its gains.
 
     encoder: the fitted spec, for recordings with the unit, taxels and rate of the training trials.
-    table: one row per population and candidate gain, up to the first at which too many intervals are at the refractory
-        floor while few trials are silent: `afferent` ("SA-I", "RA-I", "PC"), `gain` (of LIF mV per standard
-        deviation, and per ms for RA-I; of mechanoreceptors mm per standard deviation), `silent_share`, `floor_share`,
-        `separation` (bit), `spikes_per_s` (of one afferent), `admissible`, `chosen`.
+    table: one row per population and candidate gain that was tried (`gain_search.following`): `afferent` ("SA-I",
+        "RA-I", "PC"), `gain` (of LIF mV per standard deviation, and per ms for RA-I; of mechanoreceptors mm per
+        standard deviation), `silent_share`, `floor_share`, `separation` (bit), `spikes_per_s` (of one afferent),
+        `admissible`, `chosen`.
     isi: one row per population, gain, label and bin: `afferent`, `gain`, `label`, `isi_ms` (the bin's geometric middle,
         infinite for trials without an interval), `share`, over trials and afferents.
     rates, rates_ra: of SA-I and RA-I at the chosen gains, in spikes per second, `(trial, afferent)`, of the taxels on
@@ -298,10 +298,14 @@ def calibrate_causally(
     cutoffs_Hz = _cutoffs(own_Hz, recordings.sampling_rate_Hz) if choose_ema else [own_Hz]
 
     known: dict[str, _Cut] = {}
+    fits: list[tuple[Encoder, Calibration[Encoder]]] = []
     at_rest = _AtRest(recordings)
 
     def fit(tried: Encoder) -> Calibration[Encoder]:
-        return calibrate(recordings, tried, progress, rule, apart=apart, tell=False, steady=True, known=known)
+        short = rule.model_copy(update={"every": False})
+        found = calibrate(recordings, tried, progress, short, apart=apart, tell=False, steady=True, known=known)
+        fits.append((tried, found))
+        return found
 
     best, on_baseline = _of_baselines(fit, spec, cutoffs_Hz)
     notes: tuple[str, ...] = (on_baseline,)
@@ -320,6 +324,9 @@ def calibrate_causally(
     if choose_grades and apart and (graded := _with_grades(_refit(spec, best.encoder))) is not None:
         with contextlib.suppress(InputError):
             best, notes = _of_grades((best, fit(graded)), notes)
+    if rule.every:
+        start = next(tried for tried, found in fits if found is best)
+        best = calibrate(recordings, start, None, rule, apart=apart, tell=False, steady=True, known=known)
     notes = *best.notes, *notes
     if best.is_apart:
         notes = *notes, f"these accuracies are of each value of {', '.join(apart)} by the training trials of the others"

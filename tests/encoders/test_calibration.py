@@ -108,9 +108,8 @@ def test_another_zero_and_another_unit_change_almost_no_spike(baseline):
 def test_the_chosen_gains_keep_the_limits_and_no_admissible_one_separates_better(fitted):
     for afferent, part in (("SA-I", "sa1"), ("RA-I", "ra1")):
         rows = fitted.table[fitted.table.afferent == afferent]
-        crowded = (rows.silent_share <= RULE.max_silent_share) & (rows.floor_share > RULE.max_floor_share)
-        assert not crowded[:-1].any()
-        assert len(rows) == RULE.candidates or crowded.iloc[-1]
+        assert (rows[rows.admissible].index == np.arange(*rows[rows.admissible].index[[0, -1]] + [0, 1])).all()
+        assert len(rows) <= RULE.candidates
         assert rows.gain.is_monotonic_increasing
         (chosen,) = rows[rows.chosen].itertuples()
         assert chosen.gain == getattr(fitted.encoder, part).gain
@@ -289,15 +288,15 @@ def recordings_of(name: str) -> Recordings:
 
 @thinned("name", ["few", "clear", "unclear", "nothing", "slow", "fast", "drift", "falling", "either", "many",
                   "fabrics", "cubes", "icub"])  # fmt: skip
-def test_what_follows_a_crowded_candidate_would_change_nothing(name, monkeypatch):
-    """The law by which a search ends early: encoder, rates and rows are those of a search of all candidates."""
+def test_the_candidates_that_a_search_leaves_out_would_change_nothing(name, monkeypatch):
+    """The law of a short search: encoder, rates and rows are those of a search of all candidates."""
     monkeypatch.syspath_prepend(Path(__file__).parents[2] / "benchmarks")
     monkeypatch.setenv("NEUROTACT_DATA", str(DATA))
     recordings, rule = recordings_of(name), CalibrationRule(trials_per_class=10)
     for spec in (without_baseline(), with_opposite(SPEC)):
         found = calibrate(recordings, spec, rule=rule, steady=True, tell=False)
-        with patch("neurotact.encoders.gain_search.is_crowded", lambda *_: False):
-            whole = calibrate(recordings, spec, rule=rule, steady=True, tell=False)
+        every = rule.model_copy(update={"every": True})
+        whole = calibrate(recordings, spec, rule=every, steady=True, tell=False)
         assert found.encoder == whole.encoder
         assert found.notes == whole.notes
         np.testing.assert_array_equal(
@@ -306,8 +305,19 @@ def test_what_follows_a_crowded_candidate_would_change_nothing(name, monkeypatch
         rows = whole.table.merge(found.table[["afferent", "gain"]])
         pd.testing.assert_frame_equal(rows, found.table)
         left_out = whole.table.merge(found.table[["afferent", "gain"]], how="left", indicator=True)["_merge"] != "both"
-        assert (whole.table.floor_share[left_out] > rule.max_floor_share).all()
+        assert not whole.table.admissible[left_out].any()
         assert 0 < left_out.sum() < len(whole.table)
+
+
+def test_a_figure_has_every_candidate_of_what_the_short_searches_choose():
+    recordings = pressed((0.0, 30.0), drift=0.0)
+    steps = []
+    short = calibrate_causally(recordings, SPEC, lambda n, note: steps.append(n), RULE)
+    whole = calibrate_causally(recordings, SPEC, rule=RULE.model_copy(update={"every": True}))
+    assert whole.encoder == short.encoder
+    assert whole.notes == short.notes
+    assert len(short.table) < len(whole.table) == 2 * RULE.candidates
+    assert steps == [1] * (3 * RULE.candidates)
 
 
 # --- the parts of the rule --------------------------------------------------------------------------
