@@ -199,8 +199,9 @@ def search(
     def advance(n: int, values: Sequence[float]) -> None:
         pairs = zip(sensitivities, values, strict=True)
         note = ", ".join(f"{sensitivity.name} {value:g}" for sensitivity, value in pairs)
-        for _ in range(n if progress else 0):
-            progress(1, note)
+        if progress:
+            for _ in range(n):
+                progress(1, note)
 
     if rule.spikes_per_s is not None:
         _to_rate(spec, rule, tried, advance)

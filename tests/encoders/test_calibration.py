@@ -279,7 +279,7 @@ def test_the_shipped_fabric_encoder_is_what_calibration_gives_on_the_fabrics():
 
 def recordings_of(name: str) -> Recordings:
     """A set of `benchmarks/steady_choices.py`, real or made up."""
-    import steady_choices
+    import steady_choices  # pyright: ignore[reportMissingImports]
 
     if name in steady_choices.SETS or DATA.is_dir():
         return steady_choices.recordings_of(name)
@@ -293,7 +293,7 @@ def test_the_candidates_that_a_search_leaves_out_would_change_nothing(name, monk
     monkeypatch.syspath_prepend(Path(__file__).parents[2] / "benchmarks")
     monkeypatch.setenv("NEUROTACT_DATA", str(DATA))
     recordings, rule = recordings_of(name), CalibrationRule(trials_per_class=10)
-    for spec in (without_baseline(), with_opposite(SPEC)):
+    for spec in (without_baseline(), with_opposite(SPEC) or SPEC):
         found = calibrate(recordings, spec, rule=rule, steady=True, tell=False)
         every = rule.model_copy(update={"every": True})
         whole = calibrate(recordings, spec, rule=every, steady=True, tell=False)
