@@ -309,6 +309,21 @@ def test_the_candidates_that_a_search_leaves_out_would_change_nothing(name, monk
         assert 0 < left_out.sum() < len(whole.table)
 
 
+@given(
+    silent=st.lists(st.floats(0, 0.2), min_size=RULE.candidates, max_size=RULE.candidates),
+    crowded=st.lists(st.floats(0, 0.2), min_size=RULE.candidates, max_size=RULE.candidates),
+)
+def test_a_short_search_chooses_as_a_whole_one_whether_or_not_both_limits_can_be_kept(silent, crowded):
+    limits = {"silent_share": sorted(silent, reverse=True), "floor_share": [0.0, *sorted(crowded)[1:]]}
+    table = pd.DataFrame({**limits, "separation": np.linspace(1, 2, RULE.candidates)})
+    admissible = (table.silent_share <= RULE.max_silent_share) & (table.floor_share <= RULE.max_floor_share)
+    table, rows = table.assign(admissible=admissible), {}
+    while (place := gain_search.following(rows, RULE)) is not None:
+        assert place not in rows
+        rows[place] = table.loc[place].to_dict()
+    assert gain_search.choose(table.loc[sorted(rows)], RULE, "") == gain_search.choose(table, RULE, "")
+
+
 def test_a_figure_has_every_candidate_of_what_the_short_searches_choose():
     recordings = pressed((0.0, 30.0), drift=0.0)
     steps = []
