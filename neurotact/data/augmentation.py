@@ -200,9 +200,7 @@ class CopiesWhenRead:
         return Variations(self, trials[places] if of is None else of, kind[places], places)
 
 
-def _block(
-    recordings: Recordings, rows: np.ndarray, kind: str, spec: AugmentationSpec, rest: "_Rest"
-) -> _VariedCopies:
+def _block(recordings: Recordings, rows: np.ndarray, kind: str, spec: AugmentationSpec, rest: "_Rest") -> _VariedCopies:
     """Some copies of a kind. rows: of each, its trial times the number of copies, and its own number."""
     rate_Hz, signals = recordings.sampling_rate_Hz, []
     of, numbers = divmod(rows, spec.copies)

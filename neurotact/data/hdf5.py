@@ -414,7 +414,7 @@ def _spikes(declared: Declared) -> SpikeTrains:
 
 
 def _with_variations(trains: SpikeTrains, declared: Declared) -> SpikeTrains:
-    """Trials of a file with varied copies of them; before these were made when read, the copies were its last trials."""
+    """Trials of a file with varied copies of them; in files of earlier versions, copies are the last trials."""
     of, made = declared.numbers("variation_of"), declared.holds("copied")
     n_trials = len(trains) - (0 if made else len(of))
     kind = declared.numbers("variation_place") if made else np.array(declared.texts("variation_kind"))

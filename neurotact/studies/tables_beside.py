@@ -130,7 +130,8 @@ def with_used_copies(trains: SpikeTrains, cell: Cell, *parts: Split) -> SpikeTra
 
 def pieces_with_copies(recordings: Recordings, windows: Windows, trains: SpikeTrains, cell: Cell) -> list[np.ndarray]:
     """The samples of each window of the recorded trials, then of those of their varied copies."""
-    assert cell.augmentation is not None and trains.variations is not None
+    assert cell.augmentation is not None
+    assert trains.variations is not None
     of_recorded = windows.trial < len(trains)
     recorded = Windows(windows.trial[of_recorded], windows.start[of_recorded], windows.n_steps)
     pieces = [*opponents.pieces_of(recordings, recorded, trains.sampling_rate_Hz)]

@@ -251,7 +251,7 @@ def _of_network(prepared: Prepared) -> dict[str, Any]:
     """The row of the network, trained with the kind of varied copies that is best on validation trials."""
     cell, trains = prepared.cell, prepared.trains
     assert cell.network is not None
-    _, _, best = robustly(cell, trains, cell.network, prepared.task)
+    best = robustly(cell, trains, cell.network, prepared.task).last
     measured = measuring.measure(best.fitted, best.sides, trains.populations)["row"]
     row = {**measured, **best.validated, "hidden": best.fitted.network.spec.hidden}
     how = {"afferents": ledger.Afferents.of(trains), "n_classes": len(trains.classes)}

@@ -284,7 +284,7 @@ def test_of_copies_only_the_spikes_in_windows_are_kept():
 
 
 @pytest.mark.parametrize(("name", "value", "message"), [
-    ("variation_of", 6, "must name a trial and a kind"), ("variation_place", 36, "variation_place must be from 0 to 35"),
+    ("variation_of", 6, "must name a trial and a kind"), ("variation_place", 36, "must be from 0 to 35"),
 ])  # fmt: skip
 def test_a_file_whose_copies_are_of_no_trial_is_refused(tmp_path, name, value, message):
     import h5py
