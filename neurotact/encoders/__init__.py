@@ -7,7 +7,7 @@ Other rooms take:
     calibration: BY_CALIBRATION, CLOCK_HZ, FITTED, GRADES, PAST, calibrate, calibrate_causally, calibration_for
     closed_form: AT_ONCE
     cost: NOT_COUNTED, encoding_cost, is_countable, no_cost
-    encoding: Encoded, encode_file, encode_recordings
+    encoding: Encoded, encode_copies, encode_file, encode_recordings
     firing: FiringWarning, complaint_at_rest, complaints, resting_table
     gain_search: CalibrationRule
     model: AnyEncoder, DrivenSpec, EncoderSpec, name_in, names, of_name, usable
