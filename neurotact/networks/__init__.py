@@ -24,7 +24,8 @@ Other rooms take:
     training.cross_validation: TABLE, line, run, tasks_of
     training.epochs: Epoch, Examples, Training, best_in, best_of, evaluate, train
     training.losses: cross_entropy, hinge
-    training.model_selection: SEEN, Tried, again, are_unranked, best_of, candidates, right_seen, trainings
+    training.model_selection: RuledOut, SEEN, Tried, again, are_unranked, best_of, candidates, right_seen, rule_out,
+        trainings
     training.outcome: outcome_of, summary_of
     training.ranges: OF_EVENTS, Ranges, evenly, record, record_states
     training.resumable: RESULT, check_place, clear, line_of, run, saved_in
