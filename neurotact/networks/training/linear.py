@@ -146,7 +146,8 @@ def _set(network: RSNN, fitted: LogisticRegression | Ridge, levels: np.ndarray, 
 
     levels: what each weight of the fit adds to those of the stretches. center: the counts from which it begins.
     """
-    slopes, level = fitted.coef_.reshape(len(fitted.coef_), levels.shape[1], -1), fitted.intercept_
+    coef, level = np.atleast_2d(fitted.coef_), np.atleast_1d(fitted.intercept_)  # a row of the only number
+    slopes = coef.reshape(len(coef), levels.shape[1], -1)
     if len(slopes) == 1 and isinstance(fitted, LogisticRegression):  # of two classes
         slopes, level = np.concatenate([-slopes, slopes]) / 2, np.concatenate([-level, level]) / 2
     slopes = np.einsum("cla,kl->kac", slopes, levels)
