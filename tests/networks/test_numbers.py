@@ -17,13 +17,13 @@ from neurotact.data.spikes import from_rasters
 from neurotact.errors import InputError
 from neurotact.files import read_json
 from neurotact.networks.definition.rsnn import RSNN
-from neurotact.networks.definition.specs import RSNNSpec
+from neurotact.networks.definition.specs import RSNNSpec, TrainingSpec
 from neurotact.networks.training import comparison, ensemble, epochs, linear, losses, numbers, tasks, trainer
 from neurotact.networks.training.comparison import Trials
 from neurotact.networks.training.tasks import Task
 
 TRIALS, STEPS = 60, 60
-WINDOW = {"length_ms": STEPS}
+WINDOW = nt.Window(length_ms=STEPS)
 CONDITIONS = pd.DataFrame(
     {
         "label": np.resize(["felt", "silk", "wool"], TRIALS),
@@ -43,7 +43,7 @@ def touches(conditions: pd.DataFrame = CONDITIONS):
 
 SPEC = RSNNSpec(
     model="snn", hidden=5, readout="integrator", input_deviation=1.0,
-    training={"epochs": 3, "batch": 16, "relative_learning_rate": 0.05},
+    training=TrainingSpec(epochs=3, batch=16, relative_learning_rate=0.05),
 )  # fmt: skip
 NONE = RSNNSpec(model="snn", hidden=0, readout="integrator", readout_stretches=2, readout_stretch_ms=30)
 
@@ -275,5 +275,5 @@ def test_a_network_of_classes_says_nothing_of_a_target():
 
 
 def test_measurements_as_classes_are_told_how_to_ask_for_numbers():
-    with pytest.raises(InputError, match="name no classes.*give them as a condition and train with `target`"):
+    with pytest.raises(InputError, match=r"name no classes.*give them as a condition and train with `target`"):
         nt.Recordings(np.zeros((2, 9, 1)), 100.0, "mV", [0.5, 1.25])
