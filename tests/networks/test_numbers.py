@@ -201,6 +201,10 @@ def test_rivals_tell_the_same_numbers_and_a_better_one_is_found():
     assert worse.accuracy == pytest.approx(worse.commonest)
     assert worse.low < worse.accuracy < worse.high
     assert comparison.compare([1.0] * len(n[2]), sides, trials, 2).verdict == "better"
+    alone = tasks.sides_of(trains, Task(window=WINDOW, target=("force_N",)))
+    assert all(one.accuracy_test > 0.2 for one in comparison.opponents_of(alone, trials))
+    with pytest.raises(InputError, match="'ridge regression' tells numbers, and classes are asked for"):
+        opponent.load("ridge regression")
     assert {one.tells for one in opponent.joined("features", "all").values()} == {"classes"}
 
 
@@ -242,6 +246,14 @@ def test_decisions_have_both_numbers_and_their_summary_has_the_error(run):
     every = means[(means.side == "test") & (means.label == "all")].iloc[0]
     assert every["rmse_speed"] == pytest.approx(((of_test.true_speed - of_test.predicted_speed) ** 2).mean() ** 0.5)
     assert "accuracy" not in means
+
+
+def test_early_exit_is_not_offered_and_said_so(run, capsys):
+    folder, row, _ = run
+    assert row["exit_patience"] is None
+    tables = [nt.infer(folder / "run", folder / "spikes.h5", early_exit=early) for early in (False, True)]
+    pd.testing.assert_frame_equal(*tables)
+    assert "early exit is not used, whole windows decide: a network that tells numbers" in capsys.readouterr().err
 
 
 def test_touches_without_the_number_are_told_one(run):
