@@ -25,7 +25,7 @@ from neurotact.report.encoding_drawings import encoding_drawings, name_classes, 
 from neurotact.report.extra_drawings import extra_drawings
 from neurotact.report.front import Front
 from neurotact.report.network_drawings import network_drawings
-from neurotact.report.page import ANSWER, Entry, Table, plain
+from neurotact.report.page import Entry, Table, plain
 from neurotact.report.tables import (
     afferents_of,
     extra_tables,
@@ -40,7 +40,7 @@ from neurotact.spec import to_toml
 from neurotact.studies import measures
 from neurotact.studies import study as studies
 from neurotact.studies.encoding_tables import read_encoding
-from neurotact.studies.store import is_done
+from neurotact.studies.store import ANSWER, is_done
 from neurotact.studies.study import SPLIT, Cell, StudySpec, cells, setting_columns, split_columns, swept_columns
 from neurotact.studies.way import HEADS
 from neurotact.tables import over_seeds, read_table, write_table

@@ -23,10 +23,9 @@ from neurotact.figures.style import Drawn, save
 from neurotact.files import read_json, write_text
 from neurotact.spec import assignments_of
 from neurotact.studies.loading import Study
+from neurotact.studies.store import PAGE
 from neurotact.studies.study import to_toml
 
-ANSWER, PAGE = "answer.json", "report.html"
-"""The first screen of a report for programs, where its study has an answer in words."""
 NETWORKS = ("marks.js", "plotly.js", "state.js", "cell.js", "trade_off.js", "compare.js", "table.js", "main.js")
 PROTOCOL = ("marks.js", "plotly.js", "state.js", "table.js", "protocol.js")
 

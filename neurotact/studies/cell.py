@@ -168,7 +168,7 @@ def _files_of(
     }
     with scratch() as run:  # the layout of the run folder: paths between its files are the same
         target = cell_folder(run, cell)
-        run_folder.save(fitted, target, trains, run / cell.given, task)
+        run_folder.save(fitted, target, trains, run / cell.given, task, windows=sides.train.spikes)
         write_json(target / TIMING, {"seconds": perf_counter() - began, "epochs": len(fitted.training.epochs)})
         for name, content in (searched.files if searched else {}).items():
             with whole(target / name) as draft:

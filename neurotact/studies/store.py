@@ -21,6 +21,8 @@ from neurotact.progress import say
 from neurotact.studies.engine import AnyCell, Files
 
 FILES = "files.json"
+ANSWER, PAGE = "answer.json", "report.html"
+"""The first screen of a report for programs, where its study has an answer in words, and the report."""
 DATA = "data.json"
 """Describes the recordings of a run: their hash, number of trials, classes."""
 RESULT = "result.json"
