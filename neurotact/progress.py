@@ -189,10 +189,10 @@ class _At:
     what, done, first, began, last = "", 0, 0, 0.0, 0.0
 
 
-def at(what: str, done: int = 0, total: int = 0) -> None:
+def at(what: str, done: int = 0, total: int = 0, note: str = "") -> None:
     """In a worker process: tell the one that waits for it at which part of its job it is, at most once a second.
 
-    An empty `what` ends the part. Elsewhere this does nothing.
+    An empty `what` ends the part, and one without a `total` is told alone. Elsewhere this does nothing.
     """
     folder, now = os.environ.get(PARTS), time.monotonic()
     if folder is None:
@@ -212,7 +212,7 @@ def at(what: str, done: int = 0, total: int = 0) -> None:
         known = _At.first < done < total
         left = f", {time_left((now - _At.began) / (done - _At.first) * (total - done))}" if known else ""
         draft = path.with_suffix(".new")
-        draft.write_text(f"{what} {done}/{total}{left}", encoding="utf-8")
+        draft.write_text(f"{what} {done}/{total}{note}{left}" if total else what, encoding="utf-8")
         draft.replace(path)
 
 

@@ -24,11 +24,12 @@ def averaged(pieces: Iterable[np.ndarray], n_bins: int) -> np.ndarray:
     >>> averaged(np.arange(5.0).reshape(1, 5, 1), 2).ravel().tolist()
     [0.5, 3.0]
     """
-    means = []
-    for piece in pieces:
+    pieces = list(pieces)
+    means = np.empty((len(pieces), n_bins, pieces[0].shape[1]))
+    for piece, mean in zip(pieces, means, strict=True):
         edges = bin_edges(len(piece), n_bins)
-        means.append(np.add.reduceat(piece, edges[:-1], axis=0, dtype=np.float64) / np.diff(edges)[:, None])
-    return np.array(means)
+        mean[:] = np.add.reduceat(piece, edges[:-1], axis=0, dtype=np.float64) / np.diff(edges)[:, None]
+    return means
 
 
 def counted(rasters: np.ndarray, n_bins: int) -> np.ndarray:

@@ -36,7 +36,7 @@ from neurotact.encoders.specs import taxels_of
 from neurotact.metrics import paired
 from neurotact.metrics.flops import Cost, Moments, Standardise, changed, cost, passed
 from neurotact.metrics.signal_flops import Averaging, StandardisedSteps
-from neurotact.progress import say
+from neurotact.progress import at, say
 
 BINS = 10
 """Time bins of a window, in which spikes are counted and signals averaged."""
@@ -276,6 +276,7 @@ def rows(inputs: Iterable[Input], labels: np.ndarray, cuts: Cuts) -> Iterator[di
                 continue
             if opponent.joins == "all" and best_yet is not None and best_yet[1] in kinds:
                 kinds = [best_yet[1]]
+            at(f"{name} on {one.column}")
             with named(name):
                 kind, sides, chosen = _best_training(one, opponent, labels, cuts, kinds)
                 right = {f"validation{width}": each.right for width, each in chosen.items()}
