@@ -114,8 +114,9 @@ def _run(study: "loading.Study", folder: Path, workers: int | None, scheduler: s
 
 def _reported(folder: Path) -> "pd.DataFrame":
     """Write the figures and the page from the tables of a study; its results."""
-    with store.timed(folder, "report", again=False):
+    with store.timed(folder, "report", again=False), progress.track("report", 1) as advance:
         processes.in_a_process(_write_report, folder)  # so that this one needs no torch
+        advance(1, "")
     runner.add_report_time(folder)
     return tables.read_table(folder / "results.csv")
 

@@ -46,11 +46,18 @@ def standardised(sequences: np.ndarray, labels: np.ndarray, sides: Sequence[np.n
     sides: indices or booleans that select the examples of training, validation and test.
     """
     training = sequences[sides[0]]
-    offset, scale = training.mean(axis=(0, 1)), training.std(axis=(0, 1))
+    offset, scale = (of(axis=(0, 1), dtype=np.float64) for of in (training.mean, training.std))
     scale = np.where(scale > 0, scale, 1.0)
-    del training  # a side at a time, since a copy of all takes half a gigabyte of 10,000 windows
-    standard = [((sequences[side] - offset) / scale).astype(np.float32) for side in sides]
-    return Sides(*standard, *(labels[side] for side in sides))
+    del training
+
+    def standard(side: np.ndarray) -> np.ndarray:
+        chosen = sequences[side]
+        done = np.empty(chosen.shape, np.float32)
+        for values, into in zip(chosen, done, strict=True):
+            into[:] = (values - offset) / scale
+        return done
+
+    return Sides(*map(standard, sides), *(labels[side] for side in sides))
 
 
 class Candidate(NamedTuple):

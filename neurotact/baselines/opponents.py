@@ -188,7 +188,8 @@ def signal_inputs(
     for words, n_steps, of_sequences in _sequences_of("samples", cuts.length_ms, least, opponents):
         made = Cost() if n_steps >= samples else cost(Averaging(samples, n_steps, taxels))
         made += cost(StandardisedSteps(n_steps, taxels), signal_ms=cuts.length_ms)
-        yield Input(SIGNALS, words, None, averaged(pieces, n_steps), made, of_sequences)
+        kind = pieces[0].dtype if least == n_steps == samples else np.float64
+        yield Input(SIGNALS, words, None, averaged(pieces, n_steps, kind), made, of_sequences)
 
 
 def _sequences_of(

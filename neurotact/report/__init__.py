@@ -5,9 +5,10 @@ Other rooms take:
     encoding_drawings: name_classes
     first_screen: table_of_configurations
     networks: Steps, write
-    page: ANSWER, PAGE, Table, if_there, write
+    page: Table, if_there, write
     periods: head, in_ms
     report: write
+    running: writer
     tables: first_spikes, with_pair
     under_prices: times, turning
     way_answer: Configuration, WayAnswer, answers

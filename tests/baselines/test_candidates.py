@@ -18,7 +18,7 @@ from sklearn.pipeline import Pipeline, make_pipeline
 from sklearn.preprocessing import StandardScaler
 from sklearn.svm import SVC
 
-from neurotact.baselines.features import BandPowers
+from neurotact.baselines.features import BandPowers, averaged
 from neurotact.baselines.opponent import (
     Opponent,
     Sides,
@@ -130,6 +130,17 @@ def test_sequences_are_standardised_on_the_training_side():
     expected = (x[1::3] - x[::3].mean(axis=(0, 1))) / [x[::3, :, 0].std(), 1.0]
     np.testing.assert_array_equal(sides.validation, expected.astype(np.float32))
     assert sides.y_test.tolist() == [2, 5, 8]
+
+
+def test_samples_of_float32_are_as_exact_as_in_float64():
+    """A bin of one sample is the sample, so that sequences of a set of gigabytes take half of the memory."""
+    rng, sides = np.random.default_rng(0), [np.arange(30) % 3 == side for side in range(3)]
+    pieces = [(1e3 + rng.normal(size=(50, 3))).astype(np.float32) for _ in range(30)]
+    exact, narrow = (averaged(pieces, 50, kind) for kind in (np.float64, np.float32))
+    assert narrow.dtype == np.float32
+    np.testing.assert_array_equal(narrow, exact)
+    for one, other in zip(*(standardised(of, np.arange(30), sides) for of in (exact, narrow)), strict=True):
+        np.testing.assert_array_equal(one, other)
 
 
 @given(st.lists(st.integers(0, 4), min_size=1, max_size=60), st.integers(1, 70))
