@@ -52,7 +52,6 @@ def run(study: Study, folder: Path, workers: int | None = None, scheduler: str |
         is_new = files.is_free(folder)
         with executor(workers or 2, scheduler) as map_cells:
             _claim(folder, study)
-            _save_versions(folder)
             files.sweep(folder)
             at_last.callback(files.sweep, folder)  # drafts of worker processes that were stopped
             try:
@@ -67,6 +66,7 @@ def run(study: Study, folder: Path, workers: int | None = None, scheduler: str |
 def _compute(engine: Engine, study: Study, cells: list[Any], folder: Path, map_cells: MapCells) -> None:
     """Write the missing and the damaged files: shared inputs, and the files of each cell."""
     with track("prepare", 1) as advance:
+        _save_versions(folder)  # in a process, the first, whose server loads for seconds
         in_a_process(engine.prepare, folder, study, cells)
         advance(1, "")
     stop_if_asked()

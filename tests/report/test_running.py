@@ -46,6 +46,12 @@ def test_it_says_how_far_the_study_is_and_what_cells_gave_on_validation_trials(t
     assert 'points="0,1.0 30,10.5"' in page  # from the largest of all losses to a half
     assert 'points="0,10.5 30,15.2" fill="none" stroke="currentColor" stroke-dasharray' in page
     assert page.count("<tr>") == 3
+    for number in range(50):
+        finish(tmp_path, f"n{number}", number / 100)
+    write("cells", 4, 4, "")
+    page = (tmp_path / "report.html").read_text()
+    assert "52 cells are finished, the newest 50." in page
+    assert (page.count("<tr>"), "49.0\u00a0%" in page, "81.2\u00a0%" in page) == (51, True, False)
 
 
 def test_pages_take_a_small_part_of_the_time(tmp_path, monkeypatch):
@@ -73,7 +79,7 @@ def test_the_finished_report_is_the_same_as_without(tmp_path, monkeypatch):
     every = {path.name for path in tmp_path.iterdir()}
     nt.report_study(tmp_path)
     again = (tmp_path / "report.html").read_text()
-    took = re.compile(r"cells took [^<]*")
+    took = re.compile(r'cells took [^<]*|[^"]*" download="timings.csv"')
     assert took.sub("", again) == took.sub("", finished)
     assert took.search(finished)
     assert {path.name for path in tmp_path.iterdir()} == every
