@@ -70,7 +70,7 @@ def test_the_finished_report_is_the_same_as_without(tmp_path, monkeypatch):
     pages, write_text = [], running.write_text
     monkeypatch.setattr(progress, "SECONDS_BETWEEN_PARTS", 0.01)
     monkeypatch.setattr(running, "LEAST_S", 0.0)
-    monkeypatch.setattr(running, "MOST_SHARE", 1e9)
+    monkeypatch.setattr(running, "MOST_SHARE", 0.2)
     monkeypatch.setattr(running, "write_text", lambda path, page: pages.append(page) or write_text(path, page))
     nt.run_study(TINY, tmp_path, settings=ONE)
     assert any("This study is still running: cells 0 of 2" in page for page in pages)
