@@ -129,7 +129,8 @@ def write(
     cautions = front.beware(study, folder, done, fronts, trains)
     among = plugins.load_function("tools", "among_encoders")(study, fronts, results.join(spent), beside)
     shared = {"among": among.words, "tables": [among.table._asdict()]} if among and among.table else {}
-    write_json(folder / ANSWER, _answers_as_json(fronts, cautions) | shared)
+    places = {file: page.RECORDINGS for file in [study.dataset.file] if file} | {str(folder.absolute()): page.STUDY}
+    write_json(folder / ANSWER, _answers_as_json(fronts, cautions, places) | shared)
     shown = fronts[_first_shown(fronts)]
     of_best = shown.cells[shown.answer.rows.index(shown.answer.best)]
     best = of_best if course.best_row is None else course.best_row
@@ -249,12 +250,16 @@ def _page_data(
     return {**details.page_data(results, spent, all_details, classes), "fronts": drawn, "stepMs": step_ms}
 
 
-def _answers_as_json(fronts: Sequence[Front], cautions: Sequence[str]) -> dict[str, Any]:
-    """The first screen for programs: for each data set the answer in words and numbers, and the warnings."""
+def _answers_as_json(fronts: Sequence[Front], cautions: Sequence[str], places: Mapping[str, str]) -> dict[str, Any]:
+    """The first screen for programs: for each data set the answer in words and numbers, and the warnings.
+
+    places: names that stand for paths in commands, so that these bytes do not depend on the place of the study.
+    """
     return {
         "answers": [
             {
                 **one.in_words(),
+                "next": {"words": one.next[0], "commands": [page.moved(command, places) for command in one.next[1]]},
                 "interval": list(one.answer.interval),
                 "test_trials": one.answer.trials.test,
                 **front.as_json(one),
