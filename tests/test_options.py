@@ -395,6 +395,7 @@ WAYS = {
                 "--device": "tests/networks/test_resumable.py",
                 "--augmentation": "tests/networks/test_model_selection.py",
                 "--balance": "tests/networks/test_balancing.py",
+                "--target": "tests/networks/test_numbers.py",
             },
             is_slow=True,
         )
