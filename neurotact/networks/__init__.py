@@ -24,6 +24,7 @@ Other rooms take:
     training.cautions: FEW_PER_CLASS, MEMBER, calibrated, copies, few_test_trials, not_learned, together, training
     training.cross_validation: TABLE, line, run, tasks_of
     training.epochs: Epoch, Examples, Training, best_in, best_of, evaluate, train
+    training.linear: INVERSE_PENALTIES
     training.losses: absolute_error, cross_entropy, hinge, squared_error
     training.model_selection: RuledOut, SEEN, Tried, again, are_unranked, best_of, candidates, right_seen, rule_out,
         trainings

@@ -39,12 +39,7 @@ def infer(
     target = restored.task.target
     if unknown and not target:
         raise InputError(f"spikes: class '{unknown[0]}' is not a class of the network ({', '.join(restored.classes)})")
-    if trains.sampling_rate_Hz != restored.network.sampling_rate_Hz:
-        raise InputError(
-            f"spikes: are sampled at {trains.sampling_rate_Hz:g} Hz but the network was trained at "
-            f"{restored.network.sampling_rate_Hz:g} Hz; encode them on that clock"
-        )
-    _check_encoder(restored, trains, allow_other_encoder)
+    check_same_input(restored, trains, allow_other_encoder)
     known = restored.provenance
     sides = np.full(len(trains), synops.UNKNOWN) if known is None else known.sides(trains)
     trials = _tested(trains, known) if test_only else np.arange(len(trains))
@@ -80,7 +75,13 @@ def infer(
     return table
 
 
-def _check_encoder(restored: Restored, trains: SpikeTrains, allow_other: bool) -> None:
+def check_same_input(restored: Restored, trains: SpikeTrains, allow_other: bool) -> None:
+    """Refuse spikes of another clock, other afferents or, unless it is allowed with a warning, another encoder."""
+    if trains.sampling_rate_Hz != restored.network.sampling_rate_Hz:
+        raise InputError(
+            f"spikes: are sampled at {trains.sampling_rate_Hz:g} Hz but the network was trained at "
+            f"{restored.network.sampling_rate_Hz:g} Hz; encode them on that clock"
+        )
     n_inputs = restored.network.n_inputs
     if len(trains.afferents) != n_inputs:
         raise InputError(
