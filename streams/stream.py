@@ -111,7 +111,7 @@ class Stream:
         costs = synops.of_network(self.chain.network, np.array([1, 0]), np.array([0, 1])).total
         self._sops, self._fans = tuple(int(cost) for cost in costs), running.fans_of(self.chain.network)
         self._rates_Hz = rate_Hz, self.chain.clock_Hz
-        self._classes = self.chain.classes
+        self._classes = (*self.chain.classes, synops.REFUSED)
         self._compiled: CompiledStream | None = None
         is_plain = isinstance(encoder, AfferentSpec) and encoder.is_plain
         compilable = self.chain.network.w_in.device.type == "cpu" and is_plain and not is_exact(encoder)
@@ -462,8 +462,8 @@ class Stream:
                 leader = after.leader
                 decisions.append(
                     self._decision(
-                        after.window, after.start, after.steps, int(leader.index[0]), after.input_spikes,
-                        after.hidden_spikes, after.held, bool(leader.heard[0]), after.sops,
+                        after.window, after.start, after.steps, int(chain.rule.told(leader.index, leader.counts)[0]),
+                        after.input_spikes, after.hidden_spikes, after.held, bool(leader.heard[0]), after.sops,
                     )
                 )  # fmt: skip
             else:

@@ -385,6 +385,7 @@ WAYS = {
                 "--network": "--network snn",
                 "--leave-out-each": "--leave-out-each speed",
                 "--repeats": "--repeats 2",
+                "--refuse": "--refuse 0.5",
                 "--seed": "--seed 4",
                 "--force": TWICE,
                 "--resume": TWICE,

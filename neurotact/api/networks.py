@@ -55,6 +55,7 @@ def train(
     augmentation: str | None = None,
     balance: "balancing.Balance" = "none",
     exit_tolerance: float = 0.01,
+    refuse: float | None = None,
     seed: int = 0,
     device: str = "cpu",
     resume: bool = False,
@@ -80,6 +81,7 @@ def train(
     balance: "classes" weights training windows so that each class counts the same in the loss; "conditions" so
         that each value of the split's conditions (to test, to group by, to stratify) does within a class, too.
     exit_tolerance: validation accuracy that early exit may lose.
+    refuse: share of known touches that may be refused, so that touches of other classes are ("none of these").
     seed: of the weights and of the order of windows. device: a torch device.
     resume: go on with a training that was interrupted. force: replace one that is in the folder.
     tell: called with what the command prints.
@@ -92,7 +94,7 @@ def train(
     >>> 0 <= found["low"] <= found["accuracy_test"] <= found["high"] <= 1
     True
     """
-    trains, task = tasks.of_file("train", spikes, window, split, exit_tolerance, where, leave_out)
+    trains, task = tasks.of_file("train", spikes, window, split, exit_tolerance, where, leave_out, refuse)
     kind = tasks.kind_of_copies(trains, augmentation, tell)
     task = spec.build(tasks.Task, {**task.model_dump(), "augmentation": kind, "balance": balance}, source="train")
     path, spikes = Path(folder), Path(spikes)

@@ -14,6 +14,7 @@ from neurotact.cli.output import print_json, print_table, show, unless
 from neurotact.cli.words import say
 from neurotact.errors import INTERRUPTED
 from neurotact.lazily import lazily
+from neurotact.metrics import synops
 
 with lazily():
     import pandas as pd
@@ -25,7 +26,7 @@ COPIES = option(
     metavar="KIND",
     show_default="those in the file",
 )
-SHOWN = ["label", "windows", "accuracy", "steps", "input_spikes", "hidden_spikes", "sops_total"]
+SHOWN = ["label", "windows", "accuracy", *synops.OF_ANSWERED, "steps", "input_spikes", "hidden_spikes", "sops_total"]
 """The columns of a SOP summary that fit a terminal; the files hold all of them."""
 SIDES = {
     "training": "training windows: seen in training, so their accuracy does not hold for new touches",
@@ -201,6 +202,6 @@ def _print_sides(table: "pd.DataFrame", told: list[Any], *, as_json: bool) -> No
         print_json(means)
         return
     for side, rows in means.groupby("side", sort=False):
-        print_table(rows[SHOWN].apply(_in_words), title=SIDES[str(side)])
+        print_table(rows[[name for name in SHOWN if name in rows]].apply(_in_words), title=SIDES[str(side)])
     for line in told:
         show(line)

@@ -26,6 +26,10 @@ SIDE = "side"
 """The column of a report that says where a network met each window's trial before, where it has one."""
 TRAINING, VALIDATION, TEST, UNSEEN, UNKNOWN = SIDES = ("training", "validation", "test", "unseen", "unknown")
 """From the most seen to the least: the sides of the split; trials on none of them; trials of an unknown side."""
+REFUSED = "none"
+"""In place of the class of a window that is none of the classes."""
+OF_ANSWERED = ("answered", "accuracy_answered")
+"""Columns of a summary where windows are refused."""
 COLUMNS = (
     "trial",
     "label",
@@ -185,12 +189,19 @@ def table_of(
     return pd.DataFrame(dict(zip(COLUMNS, (*given, *spikes, *operations), strict=True)))
 
 
-def summary(table: pd.DataFrame) -> pd.DataFrame:
+def _refuses(table: pd.DataFrame) -> bool:
+    """Whether a SOP report has windows that are none of the classes."""
+    return bool((table["predicted"] == REFUSED).any()) and not (table["label"] == REFUSED).any()
+
+
+def summary(table: pd.DataFrame, *, of_refusing: bool = False) -> pd.DataFrame:
     """Means of a SOP report for each class, in order of the labels, and for `all` windows in the last row.
 
     Columns: label, windows (how many), accuracy, and the means of steps, spikes and SOPs. A report with the column
     `side` is summarised side by side, in the order from the most seen to the least: its `all` rows stand within a
-    side, since one accuracy over training and test windows means nothing.
+    side, since one accuracy over training and test windows means nothing. Where windows are refused, `answered` is the
+    share of the others, and `accuracy_answered` the accuracy of these; in `accuracy` a refused window is not right.
+    of_refusing: whether windows of other sides are refused.
 
     >>> sent, hidden = np.array([10, 0]), np.array([4, 0])
     >>> operations = synops(sent, hidden, n_hidden=30, n_readout=8, recurrent=True)
@@ -204,17 +215,20 @@ def summary(table: pd.DataFrame) -> pd.DataFrame:
     if SIDE in table and len(table):
         return pd.concat([_summary_of_side(table, side) for side in _sides_in(table)], ignore_index=True)
     counted = list(COLUMNS[COLUMNS.index("steps") :])
+    more = OF_ANSWERED if _refuses(table) or of_refusing else ()
     parts = [*table.groupby("label", sort=True), ("all", table)]
     rows = [
         {
             "label": str(label),
             "windows": len(part),
-            "accuracy": (part["label"] == part["predicted"]).mean(),
+            "accuracy": (accuracy := (part["label"] == part["predicted"]).mean()),
+            "answered": (answered := (part["predicted"] != REFUSED).mean()),
+            "accuracy_answered": accuracy / answered if answered else np.nan,
             **part[counted].mean().to_dict(),
         }
         for label, part in parts
     ]
-    return pd.DataFrame(rows, columns=["label", "windows", "accuracy", *counted])
+    return pd.DataFrame(rows, columns=["label", "windows", "accuracy", *more, *counted])
 
 
 def summary_markdown(means: pd.DataFrame, what: str) -> str:
@@ -246,7 +260,7 @@ def _sides_in(table: pd.DataFrame) -> list[str]:
 
 
 def _summary_of_side(table: pd.DataFrame, side: str) -> pd.DataFrame:
-    means = summary(table[table[SIDE] == side].drop(columns=SIDE))
+    means = summary(table[table[SIDE] == side].drop(columns=SIDE), of_refusing=_refuses(table))
     means.insert(0, SIDE, side)
     return means
 

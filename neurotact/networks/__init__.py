@@ -33,7 +33,7 @@ Other rooms take:
     training.sparsity: prune, pruned_stay_pruned
     training.tasks: Sides, Task, examples_of, held_out, kind_of_copies, load_spikes, of_file, path_of, seen,
         seen_trials, sides_of, task_of, trials_of, with_every_condition, with_suited_window
-    training.trainer: Trained, exit_of, finished, fit, new_trained
+    training.trainer: Trained, exit_of, finished, fit, new_trained, refusing
     use.classifier: SpikingClassifier
     use.exporters: Exporter, export, exporter, usable
     use.fitted: Fitted, check_folder, is_in_memory, name_of, restore

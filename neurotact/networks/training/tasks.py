@@ -20,6 +20,7 @@ from neurotact.data.trial_choice import LeaveOut, TrialChoice, Where, chosen_tri
 from neurotact.data.window_choice import ARGUMENTS, Words, suited_window
 from neurotact.data.windows import Windows, WindowSpec
 from neurotact.errors import InputError
+from neurotact.metrics.synops import REFUSED
 from neurotact.networks.definition import recipe
 from neurotact.networks.training import balancing
 from neurotact.networks.training.balancing import Balance
@@ -49,6 +50,8 @@ class Task(Spec):
     exit_choice: Literal["least", "steady"] = "least"
     """least: the least patience within the tolerance on validation windows, as in the texture paper's studies. steady:
     the patience from which on all are within it, on validation windows, and on these and training windows together."""
+    refuse: float | None = Field(default=None, gt=0, lt=1, exclude_if=lambda share: share is None)
+    """Share of known touches that may be refused, so that others are (`exit.refusal`); if absent, each has a class."""
     augmentation: str = NONE
     """Which varied copies of training trials are trained on, too: their kind, or `none`."""
     balance: Balance = "none"
@@ -85,6 +88,7 @@ def task_of(
     exit_tolerance: float = 0.01,
     where: Any = None,
     leave_out: Any = None,
+    refuse: float | None = None,
 ) -> Task:
     """The task that the arguments of a command or a call describe; InputError names `source` and the wrong value.
 
@@ -92,18 +96,27 @@ def task_of(
     """
     choice = TrialChoice.of(where, leave_out)._asdict()
     table = {"window": window, "split": split.one, "stratify": split.stratify, "exit_tolerance": exit_tolerance}
-    return build(Task, {**table, **choice, "exit_choice": "steady"}, source=source)
+    return build(Task, {**table, **choice, "exit_choice": "steady", "refuse": refuse}, source=source)
 
 
 def of_file(
     source: str, spikes: str | Path, window: WindowSpec, split: Splits, exit_tolerance: float = 0.01,
-    where: Any = None, leave_out: Any = None,
+    where: Any = None, leave_out: Any = None, refuse: float | None = None,
 ) -> tuple[SpikeTrains, Task]:  # fmt: skip
     """The spike trains of a file and the task of `task_of` on them, with windows that suit them."""
     path = path_of(spikes)
-    task = task_of(source, window, split, exit_tolerance, where, leave_out)
+    task = task_of(source, window, split, exit_tolerance, where, leave_out, refuse)
     trains = load_spikes(path, task, tell=True)
+    check_refuse(trains, task)
     return trains, with_suited_window(task, trains, ARGUMENTS)
+
+
+def check_refuse(trains: SpikeTrains, task: Task) -> None:
+    """InputError if the task refuses touches where they cannot be told from known ones."""
+    if task.refuse is not None and task.target is not None:
+        raise InputError("refuse: is for classes, and `target` is of numbers; give one of them")
+    if task.refuse is not None and REFUSED in names_of(trains, task):
+        raise InputError(f"refuse: '{REFUSED}' is a class already; leave it out, or give it another name")
 
 
 def path_of(spikes: object) -> Path:
