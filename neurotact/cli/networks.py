@@ -14,7 +14,6 @@ from neurotact.cli.output import print_json, print_table, show, unless
 from neurotact.cli.words import say
 from neurotact.errors import INTERRUPTED
 from neurotact.lazily import lazily
-from neurotact.metrics import synops
 
 with lazily():
     import pandas as pd
@@ -26,7 +25,8 @@ COPIES = option(
     metavar="KIND",
     show_default="those in the file",
 )
-SHOWN = ["label", "windows", "accuracy", *synops.OF_ANSWERED, "steps", "input_spikes", "hidden_spikes", "sops_total"]
+ANSWERED = ["answered", "accuracy_answered"]
+SHOWN = ["label", "windows", "accuracy", *ANSWERED, "steps", "input_spikes", "hidden_spikes", "sops_total"]
 """The columns of a SOP summary that fit a terminal; the files hold all of them."""
 SIDES = {
     "training": "training windows: seen in training, so their accuracy does not hold for new touches",

@@ -28,8 +28,6 @@ TRAINING, VALIDATION, TEST, UNSEEN, UNKNOWN = SIDES = ("training", "validation",
 """From the most seen to the least: the sides of the split; trials on none of them; trials of an unknown side."""
 REFUSED = "none"
 """In place of the class of a window that is none of the classes."""
-OF_ANSWERED = ("answered", "accuracy_answered")
-"""Columns of a summary where windows are refused."""
 COLUMNS = (
     "trial",
     "label",
@@ -215,7 +213,7 @@ def summary(table: pd.DataFrame, *, of_refusing: bool = False) -> pd.DataFrame:
     if SIDE in table and len(table):
         return pd.concat([_summary_of_side(table, side) for side in _sides_in(table)], ignore_index=True)
     counted = list(COLUMNS[COLUMNS.index("steps") :])
-    more = OF_ANSWERED if _refuses(table) or of_refusing else ()
+    more = ("answered", "accuracy_answered") if _refuses(table) or of_refusing else ()
     parts = [*table.groupby("label", sort=True), ("all", table)]
     rows = [
         {

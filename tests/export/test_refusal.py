@@ -258,7 +258,7 @@ def test_a_last_training_and_a_fine_tuned_network_refuse_by_their_own_leads(made
 
 def test_numbers_are_not_refused(made):
     trains = hdf5.load_spikes(made[0] / "spikes.h5")
-    with pytest.raises(InputError, match="`target` is of numbers"):
+    with pytest.raises(InputError, match="a target is of numbers"):
         tasks.check_refuse(trains, tasks.Task(refuse=0.1, target=("force_N",)))
 
 

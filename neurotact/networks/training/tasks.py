@@ -114,7 +114,7 @@ def of_file(
 def check_refuse(trains: SpikeTrains, task: Task) -> None:
     """InputError if the task refuses touches where they cannot be told from known ones."""
     if task.refuse is not None and task.target is not None:
-        raise InputError("refuse: is for classes, and `target` is of numbers; give one of them")
+        raise InputError("refuse: is for classes, and a target is of numbers; give one of them")
     if task.refuse is not None and REFUSED in names_of(trains, task):
         raise InputError(f"refuse: '{REFUSED}' is a class already; leave it out, or give it another name")
 
