@@ -905,6 +905,7 @@ ELSEWHERE = {
         for key in (*WINDOW, *SPLIT)), HERE),
     "windows.window.onset.bin_ms": "tests/data/test_contact.py",
     **dict.fromkeys((f"{name}.{key}" for name in ("read_raster", "read_table") for key in LAYOUT), HERE),
+    "refuse.share": "tests/export/test_refusal.py",
     "tune.search.first": "tests/networks/test_tuning.py",
     "to_snntorch.time_first": FITTED,
     **dict.fromkeys(("save.force", "save_network.force"), API),

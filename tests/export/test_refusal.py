@@ -2,7 +2,7 @@
 
 import json
 import shutil
-from dataclasses import replace
+from dataclasses import asdict, replace
 
 import numpy as np
 import pandas as pd
@@ -20,6 +20,7 @@ from neurotact_parts.exporters.c.formats import Integrator
 from neurotact_parts.exporters.c.integer import least_lead as least_lead_in_integers
 from neurotact_parts.exporters.live.scores import Scores
 from neurotact_parts.exporters.nir import graph, note
+from neurotact_parts.streams import stream_file
 from neurotact_parts.streams.chain import Chain, chain_of
 from neurotact_parts.streams.stream import Stream
 from neurotact_parts.streams.stream_file import fingerprint
@@ -31,7 +32,8 @@ from neurotact.errors import InputError
 from neurotact.metrics import synops
 from neurotact.networks.exit.refusal import Refusal, least_lead
 from neurotact.networks.exit.rule import ExitRule, leads
-from neurotact.networks.training import run_folder, tasks
+from neurotact.networks.training import model_selection, run_folder, tasks, trainer
+from neurotact.networks.training.epochs import Examples, Training
 from neurotact.networks.use import inference
 
 BACKENDS = ["reference", *(["native"] if native else [])]
@@ -130,14 +132,21 @@ def test_c_refuses_what_its_twin_refuses(readout, patience, integer, tmp_path):
     assert "#define SKIN_NONE 3 " in (tmp_path / "c" / "skin.h").read_text()
 
 
-@given(st.integers(0, 1000), st.floats(1e-3, 1e3), st.floats(1e-3, 10))
+def test_a_lead_that_another_order_of_sums_rounds_is_refused_in_neither():
+    known = np.arange(1.0, 20.0) / 7
+    least = least_lead(known, 0.1)
+    assert known[0] < least < np.nextafter(known[1], 0)
+
+
+@given(st.integers(-2, 2), st.floats(1e-3, 1e3), st.floats(1e-3, 10))
 @examples(100)
-def test_in_whole_units_a_lead_is_less_if_and_only_if_it_is_less(lead, least, unit):
+def test_in_whole_units_a_lead_is_less_if_and_only_if_it_is_less(apart, least, unit):
+    lead = int(least / unit) + apart
     readout = Integrator(unit, np.zeros((1, 2)), np.zeros(2))
     assert (lead < least_lead_in_integers(readout, ExitRule(least_lead=least))) == (lead < least / unit)
 
 
-def test_without_a_least_lead_nothing_is_written_of_it(tmp_path):
+def test_without_a_least_lead_nothing_is_written_of_it(tmp_path, monkeypatch):
     folder = make_run(tmp_path)
     table = json.loads((folder / "run" / "network.json").read_text())["extra"]
     assert "refusal" not in table
@@ -148,6 +157,10 @@ def test_without_a_least_lead_nothing_is_written_of_it(tmp_path):
     assert "_NONE" not in (tmp_path / "c" / "touch.h").read_text()
     with_lead = chain._replace(rule=replace(chain.rule, least_lead=1.0))
     assert fingerprint(with_lead) != fingerprint(chain)
+    before = {key: value for key, value in asdict(chain.rule).items() if key != "least_lead"}
+    found = fingerprint(chain)
+    monkeypatch.setattr(stream_file, "asdict", lambda part: before if part is chain.rule else asdict(part))
+    assert fingerprint(chain) == found
 
 
 @pytest.fixture(scope="module")
@@ -247,13 +260,38 @@ def test_a_last_training_and_a_fine_tuned_network_refuse_by_their_own_leads(made
     split, window = nt.Split(test_where={"speed": 3}), nt.Window(length_ms=40)
     run = tmp_path / "run"
     nt.train(tmp_path / "spikes.h5", run, "rsnn", settings, window=window, split=split, refuse=0.3)
+    table = json.loads((run / "network.json").read_text())
+    patience = 3 if table["extra"]["exit_patience"] != 3 else 4
+    (run / "network.json").write_text(json.dumps({**table, "extra": {**table["extra"], "exit_patience": patience}}))
+    nt.refuse(run, 0.3)
     nt.fine_tune(run, tmp_path / "tuned", epochs=1)
     for each in (run, tmp_path / "tuned"):
         restored = run_folder.restore(each)
         assert not restored.has_own_rule
+        assert restored.rule.patience == patience
         spikes = tasks.sides_of(trains, restored.task).validation.spikes
         its = [leads(restored.network.infer(spikes, rule).readout) for rule in (ExitRule(), restored.rule)]
         assert restored.refusal[1:3] == tuple(least_lead(each.numpy(), 0.3) for each in its)
+
+
+def test_the_last_training_refuses_by_the_rule_that_one_before_it_chose(monkeypatch):
+    network = nt.RSNN(2, 3, hidden=4, sampling_rate_Hz=1000.0, readout="integrator")
+    spikes = (torch.rand(30, 40, 2, generator=torch.Generator().manual_seed(0)) < 0.3).to(torch.uint8)
+    side, rule = Examples(spikes, torch.zeros(30, dtype=torch.int64)), ExitRule(5, from_first_spike=True)
+    task, choice = tasks.Task(refuse=0.3), model_selection.Choice.model_construct(network=network.spec, exit_patience=5)
+    own = trainer.Trained(network, Training((), None), ExitRule(20, from_first_spike=True))  # pyright: ignore
+    monkeypatch.setattr(trainer, "fit", lambda *_, **__: (own, tasks.Sides(side, side, side)))
+    found, _ = model_selection.last(None, choice, task, (0, 1))  # pyright: ignore[reportArgumentType]
+    assert found.refusal == trainer.refusal_of(network, rule, side, task)
+    assert found.refusal != trainer.refusal_of(network, own.rule, side, task)
+
+
+def test_a_share_that_needs_more_trials_is_a_caution(made):
+    settings, folder = {"hidden": 2, "training.epochs": 1}, made[0]
+    options = {"window": nt.Window(length_ms=40), "refuse": 0.01}
+    result = nt.train(folder / "spikes.h5", folder / "few", "rsnn", settings, **options)
+    assert any("nothing is refused: 1 % of known touches need 99" in line for line in result["cautions"])
+    assert (result["answered"], result["accuracy_answered"]) == (1.0, result["accuracy_test"])
 
 
 def test_numbers_are_not_refused(made):
@@ -302,6 +340,8 @@ def test_a_report_of_another_side_has_the_columns_too():
     operations = synops.synops(spikes, spikes, n_hidden=2, n_readout=2, recurrent=False)
     table = synops.table_of(operations, ["a", "b", "a"], ["a", "none", "a"], spikes, spikes, spikes)
     table.insert(1, "side", ["training", "training", "test"])
+    called_none = table.assign(label=["a", "none", "a"])
+    assert "answered" not in synops.summary(called_none)
     means = synops.summary(table)
     assert means[means.label == "all"]["answered"].tolist() == [0.5, 1.0]
     assert means[means.label == "all"]["accuracy_answered"].tolist() == [1.0, 1.0]
