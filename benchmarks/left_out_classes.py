@@ -96,7 +96,7 @@ def rows_of(name: str) -> Iterator[dict]:
     """For each group that is left out, classifier and share: how many windows are answered and refused."""
     trains, window, groups = set_of(name)
     for group in groups:
-        task = Task(window=window, leave_out={"label": group}, split={"seed": 0})
+        task = Task(window=window, leave_out={"label": group})
         is_unknown = trains.conditions["label"].isin(group).to_numpy()
         known = trains.select(np.flatnonzero(~is_unknown))
         sides = tasks.sides_of(known, task)

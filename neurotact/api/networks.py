@@ -23,6 +23,7 @@ from neurotact.errors import InputError
 from neurotact.lazily import lazily
 from neurotact.metrics import synops
 from neurotact.metrics.prices import DEFAULT, PriceList, price_list
+from neurotact.networks.definition.learned import LearnSpec
 from neurotact.networks.definition.specs import RSNNSpec, given_keys
 from neurotact.spec import takes_specs
 from neurotact.tables import write_table
@@ -32,7 +33,7 @@ with lazily():
 
     from neurotact.networks.definition import native
     from neurotact.networks.definition import network as definition
-    from neurotact.networks.training import balancing, cautions, cross_validation, outcome, resumable, run_folder, tasks
+    from neurotact.networks.training import cautions, cross_validation, outcome, resumable, run_folder, tasks
     from neurotact.networks.use import fitted, inference, ledger
 
 
@@ -53,9 +54,8 @@ def train(
     leave_out: LeftOut = None,
     split: Splits = Splits(),
     augmentation: str | None = None,
-    balance: "balancing.Balance" = "none",
+    learn: LearnSpec = LearnSpec(),
     exit_tolerance: float = 0.01,
-    refuse: float | None = None,
     seed: int = 0,
     device: str = "cpu",
     resume: bool = False,
@@ -78,10 +78,11 @@ def train(
     where, leave_out: the trials that are used at all, as of `read`.
     augmentation: which varied copies of training trials are trained on, too, of those in the file (see `encode`); None
         takes them if there is one kind, "none" leaves them out.
-    balance: "classes" weights training windows so that each class counts the same in the loss; "conditions" so
-        that each value of the split's conditions (to test, to group by, to stratify) does within a class, too.
+    learn: what is learned of a window: its class, or none of these (`nt.Learn(refuse=0.05)`), and which windows count
+        the same: `nt.Learn(balance="classes")` weights training windows so that each class does in the loss,
+        "conditions" so that each value of the split's conditions (to test, to group by, to stratify) does within a
+        class, too.
     exit_tolerance: validation accuracy that early exit may lose.
-    refuse: share of known touches that may be refused, so that touches of other classes are ("none of these").
     seed: of the weights and of the order of windows. device: a torch device.
     resume: go on with a training that was interrupted. force: replace one that is in the folder.
     tell: called with what the command prints.
@@ -94,9 +95,10 @@ def train(
     >>> 0 <= found["low"] <= found["accuracy_test"] <= found["high"] <= 1
     True
     """
-    trains, task = tasks.of_file("train", spikes, window, split, exit_tolerance, where, leave_out, refuse)
+    trains, task = tasks.of_file("train", spikes, window, split, exit_tolerance, where, leave_out)
     kind = tasks.kind_of_copies(trains, augmentation, tell)
-    task = spec.build(tasks.Task, {**task.model_dump(), "augmentation": kind, "balance": balance}, source="train")
+    task = spec.build(tasks.Task, {**task.model_dump(), "augmentation": kind, **learn.model_dump()}, source="train")
+    tasks.check_refuse(trains, task)
     path, spikes = Path(folder), Path(spikes)
     what, given = spec.resolve(RSNNSpec, network, settings), given_keys(network, settings)
     native.device_of(device)

@@ -3,7 +3,7 @@
 import shlex
 import sys
 from pathlib import Path
-from typing import Annotated, Any, Literal
+from typing import Annotated, Any
 
 import typer
 
@@ -41,10 +41,6 @@ SIDES = {
     api.train,
     network=option(str, "Name or path of a network spec."),
     augmentation=COPIES,
-    balance=option(
-        Literal["none", "classes", "conditions"],
-        "Training windows count the same for each class, or for each condition of the split within a class, too.",
-    ),
     resume=flag("--resume", "Continue an interrupted training; start a new one if there is none."),
     force=REPLACED,
 )

@@ -72,10 +72,6 @@ OPTIONS: dict[str, Any] = {
     "exit_tolerance": option(
         float, "Validation accuracy that early exit may lose, as a share of 1.", "--exit-tolerance", "--tolerance"
     ),
-    "refuse": option(
-        float | None, "Share of known touches that may be refused, so that touches of other classes are.",
-        show_default="none is refused",
-    ),
     "allow_other_encoder": flag("--allow-other-encoder", "Accept spikes of an encoder other than the one in training."),
 }  # fmt: skip
 """The option of each parameter of functions of `neurotact.api` that several commands have."""

@@ -4,6 +4,7 @@ Other rooms take:
 
     definition.clock: apart, binned, spread
     definition.executors: FEATURES, LIF_INSTEAD, Subject, lacking, left_outside, require
+    definition.learned: Balance, LearnSpec
     definition.module: ModuleNetwork, new
     definition.native: addresses_of, device_of, exits_at, shape_of
     definition.network: Network
@@ -19,7 +20,7 @@ Other rooms take:
     exit.patience: ExitChoice, exits, in_words, is_tolerated, oracle_exit, upper_bound
     exit.rule: ExitRule, FULL_WINDOW, Leader
     exit.truncated: SimulatedWindows, judged, simulate_windows
-    training.balancing: Balance, SETTINGS, columns_of, note
+    training.balancing: SETTINGS, columns_of, note
     training.cautions: FEW_PER_CLASS, MEMBER, calibrated, copies, few_test_trials, not_learned, together, training
     training.cross_validation: TABLE, line, run, tasks_of
     training.epochs: Epoch, Examples, Training, best_in, best_of, evaluate, train
@@ -31,8 +32,8 @@ Other rooms take:
     training.run_folder: LOG, NETWORK, Restored, WEIGHTS, files_of, load_network, load_spikes_of, restore, save,
         save_network, shapes_of, test_trials, trained_spikes_of
     training.sparsity: prune, pruned_stay_pruned
-    training.tasks: Sides, Task, examples_of, held_out, kind_of_copies, load_spikes, of_file, path_of, seen,
-        seen_trials, sides_of, task_of, trials_of, with_every_condition, with_suited_window
+    training.tasks: Sides, Task, check_refuse, examples_of, held_out, kind_of_copies, load_spikes, of_file, path_of,
+        seen, seen_trials, sides_of, task_of, trials_of, with_every_condition, with_suited_window
     training.trainer: Trained, exit_of, finished, fit, new_trained, refusing
     use.classifier: SpikingClassifier
     use.exporters: Exporter, export, exporter, usable

@@ -69,8 +69,8 @@ def test_the_interval_holds_the_share_that_is_refused_as_often_as_it_says():
 
 def test_too_few_trials_refuse_nothing_and_say_how_many_are_needed():
     for share, least in ((0.05, 19), (0.1, 9), (0.3, 3)):
-        few, enough = (Refusal.of(share, *[torch.arange(1.0, 2 * n + 1).view(n, 2).cumprod(1)] * 2, n)
-                       for n in (least - 1, least))  # fmt: skip
+        readouts = {n: torch.arange(1.0, 2 * n + 1).view(n, 2).cumprod(1) for n in (least - 1, least)}
+        few, enough = (Refusal.of(share, readout, readout, n) for n, readout in readouts.items())
         assert (few.whole, few.early, few.interval) == (0.0, 0.0, (0.0, 0.0))
         assert f"need {least} validation trials, not {least - 1};" in few.in_words
         assert enough.whole > 0
@@ -169,8 +169,8 @@ def made(tmp_path_factory):
     folder, said = make_run(tmp_path_factory.mktemp("refusing"), n_trials=60), []
     settings = {"hidden": 5, "training.epochs": 2, "forward_weight_scale": 3.0, "readout": "integrator"}
     result = nt.train(
-        folder / "spikes.h5", folder / "refusing", "rsnn", settings, window=nt.Window(length_ms=40), refuse=0.3,
-        tell=said.append,
+        folder / "spikes.h5", folder / "refusing", "rsnn", settings, window=nt.Window(length_ms=40),
+        learn=nt.Learn(refuse=0.3), tell=said.append,
     )  # fmt: skip
     return folder, result, said
 
@@ -181,6 +181,7 @@ def test_a_trained_network_refuses_by_its_validation_windows(made):
     trains = hdf5.load_spikes(folder / "spikes.h5")
     side = tasks.sides_of(trains, restored.task).validation
     refusal = restored.refusal
+    assert refusal is not None
     assert refusal.share == restored.task.refuse == 0.3
     assert refusal.trials == len(tasks.trials_of(trains, restored.task).validation)
     for least, rule in ((refusal.whole, ExitRule()), (refusal.early, restored.rule)):
@@ -259,7 +260,7 @@ def test_a_last_training_and_a_fine_tuned_network_refuse_by_their_own_leads(made
     settings = {"hidden": 5, "training.epochs": 2, "forward_weight_scale": 3.0, "readout": "integrator"}
     split, window = nt.Split(test_where={"speed": 3}), nt.Window(length_ms=40)
     run = tmp_path / "run"
-    nt.train(tmp_path / "spikes.h5", run, "rsnn", settings, window=window, split=split, refuse=0.3)
+    nt.train(tmp_path / "spikes.h5", run, "rsnn", settings, window=window, split=split, learn=nt.Learn(refuse=0.3))
     table = json.loads((run / "network.json").read_text())
     patience = 3 if table["extra"]["exit_patience"] != 3 else 4
     (run / "network.json").write_text(json.dumps({**table, "extra": {**table["extra"], "exit_patience": patience}}))
@@ -288,7 +289,7 @@ def test_the_last_training_refuses_by_the_rule_that_one_before_it_chose(monkeypa
 
 def test_a_share_that_needs_more_trials_is_a_caution(made):
     settings, folder = {"hidden": 2, "training.epochs": 1}, made[0]
-    options = {"window": nt.Window(length_ms=40), "refuse": 0.01}
+    options = {"window": nt.Window(length_ms=40), "learn": nt.Learn(refuse=0.01)}
     result = nt.train(folder / "spikes.h5", folder / "few", "rsnn", settings, **options)
     assert any("nothing is refused: 1 % of known touches need 99" in line for line in result["cautions"])
     assert (result["answered"], result["accuracy_answered"]) == (1.0, result["accuracy_test"])
@@ -320,7 +321,7 @@ def test_a_class_called_none_cannot_be_refused_for(made):
     other = replace(trains, conditions=trains.conditions.assign(label=["none", "silk"] * 30))
     hdf5.save_spikes(other, folder / "none.h5")
     with pytest.raises(InputError, match="'none' is a class already"):
-        nt.train(folder / "none.h5", folder / "not", refuse=0.1)
+        nt.train(folder / "none.h5", folder / "not", learn=nt.Learn(refuse=0.1))
 
 
 def test_live_counts_refused_windows_beside_nothing(made):

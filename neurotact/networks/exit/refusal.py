@@ -31,7 +31,8 @@ class Refusal(NamedTuple):
     def of(cls, share: float, whole: Tensor, early: Tensor, trials: int) -> "Refusal":
         """By the readouts of validation windows at their decisions, `(window, class)`; of few trials nothing."""
         known = (leads(readout).numpy() if _rank(share, trials) else np.empty(0) for readout in (whole, early))
-        return cls(share, *(least_lead(each, share) for each in known), trials)
+        least = [least_lead(each, share) for each in known]
+        return cls(share, least[0], least[1], trials)
 
     @property
     def interval(self) -> tuple[float, float]:

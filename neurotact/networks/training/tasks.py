@@ -22,8 +22,8 @@ from neurotact.data.windows import Windows, WindowSpec
 from neurotact.errors import InputError
 from neurotact.metrics.synops import REFUSED
 from neurotact.networks.definition import recipe
+from neurotact.networks.definition.learned import Balance
 from neurotact.networks.training import balancing
-from neurotact.networks.training.balancing import Balance
 from neurotact.networks.training.epochs import Examples
 from neurotact.networks.training.provenance import SIDES
 from neurotact.progress import Tell
@@ -88,7 +88,6 @@ def task_of(
     exit_tolerance: float = 0.01,
     where: Any = None,
     leave_out: Any = None,
-    refuse: float | None = None,
 ) -> Task:
     """The task that the arguments of a command or a call describe; InputError names `source` and the wrong value.
 
@@ -96,18 +95,17 @@ def task_of(
     """
     choice = TrialChoice.of(where, leave_out)._asdict()
     table = {"window": window, "split": split.one, "stratify": split.stratify, "exit_tolerance": exit_tolerance}
-    return build(Task, {**table, **choice, "exit_choice": "steady", "refuse": refuse}, source=source)
+    return build(Task, {**table, **choice, "exit_choice": "steady"}, source=source)
 
 
 def of_file(
     source: str, spikes: str | Path, window: WindowSpec, split: Splits, exit_tolerance: float = 0.01,
-    where: Any = None, leave_out: Any = None, refuse: float | None = None,
+    where: Any = None, leave_out: Any = None,
 ) -> tuple[SpikeTrains, Task]:  # fmt: skip
     """The spike trains of a file and the task of `task_of` on them, with windows that suit them."""
     path = path_of(spikes)
-    task = task_of(source, window, split, exit_tolerance, where, leave_out, refuse)
+    task = task_of(source, window, split, exit_tolerance, where, leave_out)
     trains = load_spikes(path, task, tell=True)
-    check_refuse(trains, task)
     return trains, with_suited_window(task, trains, ARGUMENTS)
 
 
