@@ -272,6 +272,7 @@ def test_a_last_training_and_a_fine_tuned_network_refuse_by_their_own_leads(made
         assert restored.rule.patience == patience
         spikes = tasks.sides_of(trains, restored.task).validation.spikes
         its = [leads(restored.network.infer(spikes, rule).readout) for rule in (ExitRule(), restored.rule)]
+        assert restored.refusal is not None
         assert restored.refusal[1:3] == tuple(least_lead(each.numpy(), 0.3) for each in its)
 
 
@@ -310,6 +311,7 @@ def test_formats_without_decisions_keep_the_least_lead_and_say_so(least):
     pytest.importorskip("nir")
     made = graph.of(network, rule=rule)
     said = note.of(made, "graph")
+    assert said is not None
     assert said.rule == rule
     assert any("refuse a class that leads by less than 1.5" in line for line in said.outside) == (least > 0)
     assert ("least_lead" in json.dumps(made.metadata)) == (least > 0)
