@@ -111,7 +111,7 @@ class Stream:
         costs = synops.of_network(self.chain.network, np.array([1, 0]), np.array([0, 1])).total
         self._sops, self._fans = tuple(int(cost) for cost in costs), running.fans_of(self.chain.network)
         self._rates_Hz = rate_Hz, self.chain.clock_Hz
-        self._classes = self.chain.classes
+        self._classes = (*self.chain.classes, synops.REFUSED)
         self._compiled: CompiledStream | None = None
         is_plain = isinstance(encoder, AfferentSpec) and encoder.is_plain
         is_fit = is_plain and not is_exact(encoder) and not self.chain.tells_numbers
@@ -463,8 +463,9 @@ class Stream:
                 leader = after.leader
                 decisions.append(
                     self._decision(
-                        after.window, after.start, after.steps, int(leader.index[0]), after.input_spikes,
-                        after.hidden_spikes, after.held, bool(leader.heard[0]), after.sops, readout=leader.counts[0],
+                        after.window, after.start, after.steps, int(chain.rule.told(leader.index, leader.counts)[0]),
+                        after.input_spikes, after.hidden_spikes, after.held, bool(leader.heard[0]), after.sops,
+                        readout=leader.counts[0],
                     )
                 )  # fmt: skip
             else:
@@ -502,6 +503,6 @@ class Stream:
         decision = Decision(window, time_s, start, label, index, steps, ms, inputs, hidden, sops, held, is_heard)
         if readout is None or not self.chain.tells_numbers:
             return decision
-        values = dict(zip(self._classes, readout.tolist(), strict=True))
+        values = dict(zip(self.chain.classes, readout.tolist(), strict=True))
         text = ", ".join(f"{name} = {value:.6g}" for name, value in values.items())
         return decision._replace(label=text, index=0, values=values)

@@ -34,7 +34,7 @@ def fingerprint(chain: Chain) -> str:
     """SHA-256 of all that gives a state its meaning: encoder, network, exit rule, windows and rates."""
     table = {
         "encoder": chain.encoder.model_dump(mode="json"), "network": chain.network.spec.model_dump(mode="json"),
-        "rule": asdict(chain.rule),
+        "rule": {key: value for key, value in asdict(chain.rule).items() if key != "least_lead" or value},
         "windows": asdict(chain.windows), "classes": chain.classes,
         "rates": [chain.sampling_rate_Hz, chain.clock_Hz], **({"takes_events": True} if chain.takes_events else {}),
     }  # fmt: skip

@@ -58,7 +58,7 @@ SUBJECTS = {
     "decisions": Subject(
         "Decisions and their cost",
         "Classes, times in steps and ms, and synaptic operations (SOPs), one row per window.",
-        "infer summarise sops",
+        "infer refuse summarise sops",
     ),
     "deployment": Subject(
         "Streams, devices and exchange",

@@ -78,11 +78,11 @@ def train(
     where, leave_out: the trials that are used at all, as of `read`.
     augmentation: which varied copies of training trials are trained on, too, of those in the file (see `encode`); None
         takes them if there is one kind, "none" leaves them out.
-    learn: what is learned of a window: its class or, as `nt.Learn(target="force_N")`, numbers, and which windows count
-        the same: `nt.Learn(balance="classes")` weights training windows so that each class does in the loss,
-        "conditions" so that each value of the split's conditions (to test, to group by, to stratify) does within a
-        class, too. Of numbers, accuracies are scores: 1 less the squared error in units of the deviation in training;
-        and there are `rmse_NAME`, `mae_NAME` and `r2_NAME` of each target.
+    learn: what is learned of a window: its class or, as `nt.Learn(target="force_N")`, numbers, or none of the classes
+        (`nt.Learn(refuse=0.05)`), and which windows count the same: `nt.Learn(balance="classes")` weights training
+        windows so that each class does in the loss, "conditions" so that each value of the split's conditions (to test,
+        to group by, to stratify) does within a class, too. Of numbers, accuracies are scores: 1 less the squared error
+        in units of the deviation in training; and there are `rmse_NAME`, `mae_NAME` and `r2_NAME` of each target.
     exit_tolerance: validation accuracy that early exit may lose.
     seed: of the weights and of the order of windows. device: a torch device.
     resume: go on with a training that was interrupted. force: replace one that is in the folder.
@@ -99,6 +99,7 @@ def train(
     trains, task = tasks.of_file("train", spikes, window, split, exit_tolerance, where, leave_out)
     kind = tasks.kind_of_copies(trains, augmentation, tell)
     task = spec.build(tasks.Task, {**task.model_dump(), "augmentation": kind, **learn.model_dump()}, source="train")
+    tasks.check_refuse(trains, task)
     path, spikes = Path(folder), Path(spikes)
     what, given = spec.resolve(RSNNSpec, network, settings), given_keys(network, settings)
     native.device_of(device)

@@ -35,9 +35,9 @@ Other rooms take:
     training.run_folder: LOG, NETWORK, Restored, WEIGHTS, files_of, load_network, load_spikes_of, restore, save,
         save_network, shapes_of, test_trials, trained_spikes_of
     training.sparsity: prune, pruned_stay_pruned
-    training.tasks: Sides, Task, examples_of, held_out, kind_of_copies, load_spikes, of_file, path_of, seen,
-        seen_trials, sides_of, task_of, trials_of, with_every_condition, with_suited_window
-    training.trainer: Trained, exit_of, finished, fit, new_trained
+    training.tasks: Sides, Task, check_refuse, examples_of, held_out, kind_of_copies, load_spikes, of_file, path_of,
+        seen, seen_trials, sides_of, task_of, trials_of, with_every_condition, with_suited_window
+    training.trainer: Trained, exit_of, finished, fit, new_trained, refusing
     use.classifier: SpikingClassifier
     use.exporters: Exporter, export, exporter, usable
     use.fitted: Fitted, check_folder, is_in_memory, name_of, restore

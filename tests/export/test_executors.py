@@ -94,6 +94,7 @@ NETWORKS = {
 }
 RULES = {
     "exit by patience": ExitRule(5, from_first_spike=True),
+    "none of these": ExitRule(5, from_first_spike=True, least_lead=2.0),
 }
 
 

@@ -254,6 +254,7 @@ FEATURES: dict[str, _Feature] = {
         "train with direct = false",
     ),
     "exit by patience": _Feature("exit", (), lambda s: s.rule.patience is not None, "decide at the end of a window"),
+    "none of these": _Feature("exit", ("refuse",), lambda s: s.rule.least_lead > 0, "train without refuse"),
 }
 """Every feature of a chain, in the order of its parts."""
 

@@ -13,8 +13,8 @@ CONDITION: dict[str, Any] = {"metavar": "CONDITION"}
 class LearnSpec(Spec):
     """What a network learns of windows, and which of them count the same; `nt.Learn`.
 
-    >>> LearnSpec(target="force_N")
-    Learn(target=('force_N',))
+    >>> LearnSpec(target="force_N"), LearnSpec(refuse=0.05)
+    (Learn(target=('force_N',)), Learn(refuse=0.05))
     """
 
     public = "Learn"
@@ -23,3 +23,5 @@ class LearnSpec(Spec):
     a readout neuron, whose value at the end of a window is in the unit of the condition."""
     balance: Balance = "none"
     """Training windows count the same for each class, or for each condition of the split within a class, too."""
+    refuse: float | None = Field(default=None, gt=0, lt=1)
+    """Share of known touches that may be refused, so that touches of other classes are, as none of these."""

@@ -36,6 +36,8 @@ class Outcome(NamedTuple):
     acausal: str | None
     start: str = starts.ONE
     """What is said of the start of the weights."""
+    refused: str = ""
+    """What is said of touches that are none of the classes."""
 
     def as_json(self) -> dict[str, Any]:
         """The content of `result.json`."""
@@ -58,6 +60,7 @@ class Outcome(NamedTuple):
             *comparison.lines(self.compared, self.start, comparison.percent if self.confusion else numbers.scored),
             costs,
             *last,
+            *([self.refused] if self.refused else []),
             *([self.acausal] if self.acausal else []),
         ]
 
@@ -115,7 +118,13 @@ def outcome_of(
         1e3 / trains.sampling_rate_Hz,
         acausal_note(trains.encoder),
         starts.FITTED if fitted.network.spec.own is None and not fitted.network.spec.hidden else starts.ONE,
+        "" if fitted.refusal is None else _refused(result["row"], fitted.refusal.in_words),
     )
+
+
+def _refused(row: Mapping[str, Any], known: str) -> str:
+    answered = f"{row['answered']:.1%} of test windows answered, {row['accuracy_answered']:.1%} of these right"
+    return f"none of these: {answered}; {known}"
 
 
 def _counts(parts: Split, distinct: Split) -> tuple[int, int]:
@@ -146,3 +155,5 @@ def _cautions(
     per_class = {trains.classes[label]: int((tested == label).sum()) for label in known}
     yield from cautions.few_test_trials(per_class, task.split, command)
     yield from cautions.exit_not_used(fitted.held)
+    if fitted.refusal is not None and not fitted.refusal.whole:
+        yield fitted.refusal.in_words

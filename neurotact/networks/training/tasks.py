@@ -20,6 +20,7 @@ from neurotact.data.trial_choice import LeaveOut, TrialChoice, Where, chosen_tri
 from neurotact.data.window_choice import ARGUMENTS, Words, suited_window
 from neurotact.data.windows import Windows, WindowSpec
 from neurotact.errors import InputError
+from neurotact.metrics.synops import REFUSED
 from neurotact.networks.definition import recipe
 from neurotact.networks.definition.learned import Balance
 from neurotact.networks.training import balancing, numbers
@@ -49,6 +50,8 @@ class Task(Spec):
     exit_choice: Literal["least", "steady"] = "least"
     """least: the least patience within the tolerance on validation windows, as in the texture paper's studies. steady:
     the patience from which on all are within it, on validation windows, and on these and training windows together."""
+    refuse: float | None = Field(default=None, gt=0, lt=1, exclude_if=lambda share: share is None)
+    """Share of known touches that may be refused, so that others are (`exit.refusal`); if absent, each has a class."""
     augmentation: str = NONE
     """Which varied copies of training trials are trained on, too: their kind, or `none`."""
     balance: Balance = "none"
@@ -104,6 +107,14 @@ def of_file(
     task = task_of(source, window, split, exit_tolerance, where, leave_out)
     trains = load_spikes(path, task, tell=True)
     return trains, with_suited_window(task, trains, ARGUMENTS)
+
+
+def check_refuse(trains: SpikeTrains, task: Task) -> None:
+    """InputError if the task refuses touches where they cannot be told from known ones."""
+    if task.refuse is not None and task.target:
+        raise InputError("refuse: is for classes, and a target is of numbers; give one of them")
+    if task.refuse is not None and REFUSED in names_of(trains, task):
+        raise InputError(f"refuse: '{REFUSED}' is a class already; leave it out, or give it another name")
 
 
 def path_of(spikes: object) -> Path:

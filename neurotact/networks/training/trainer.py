@@ -17,6 +17,7 @@ from neurotact.networks.definition.network import Network
 from neurotact.networks.definition.specs import RSNNSpec
 from neurotact.networks.exit import patience
 from neurotact.networks.exit.patience import ExitChoice, Judged
+from neurotact.networks.exit.refusal import Refusal
 from neurotact.networks.exit.rule import FULL_WINDOW, ExitRule
 from neurotact.networks.training import ensemble
 from neurotact.networks.training.epochs import Checkpoint, Examples, Training
@@ -39,7 +40,7 @@ class Trained(NamedTuple):
     """A network, the log of its training, and the exit rule chosen on its validation trials.
 
     has_own_rule: False if a training before chose the rule, at a condition that this one has. held: the rule with its
-    losses on trials that did not choose it, which decide whether it is used; None if it is given.
+    losses on trials that did not choose it, which decide whether it is used; None if it is given. refusal: by `refuse`.
     """
 
     network: Network
@@ -47,6 +48,7 @@ class Trained(NamedTuple):
     rule: ExitRule
     has_own_rule: bool = True
     held: ExitChoice | None = None
+    refusal: Refusal | None = None
 
     def with_rule(self, rule: ExitRule, held: ExitChoice | None = None) -> "Trained":
         """The network with the exit rule that a training before it chose."""
@@ -130,7 +132,21 @@ def finished(network: Network, training: Training, sides: Sides, task: Task) -> 
         return Trained(network, training, FULL_WINDOW)
     training_side = sides.train if task.exit_choice == "steady" else None
     held = exit_of(network, sides.validation, task.exit_tolerance, training_side)
-    return Trained(network, training, held.rule, held=held)
+    return refusing(Trained(network, training, held.rule, held=held), sides.validation, task)
+
+
+def refusing(trained: Trained, validation: Examples, task: Task) -> Trained:
+    """The network with the least leads of its decisions by its exit rule, if the task refuses a share of touches."""
+    return trained._replace(refusal=refusal_of(trained.network, trained.rule, validation, task))
+
+
+def refusal_of(network: Network, exit_rule: ExitRule, validation: Examples, task: Task) -> Refusal | None:
+    """The least leads of the decisions on validation windows; None if the task refuses none."""
+    if task.refuse is None:
+        return None
+    spikes, of = validation.spikes.to(network.device), validation.of
+    whole, early = (network.infer(spikes, rule).readout.cpu() for rule in (FULL_WINDOW, exit_rule))
+    return Refusal.of(task.refuse, whole, early, len(spikes) if of is None else len(of.unique()))
 
 
 def new_network(

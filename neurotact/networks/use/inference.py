@@ -33,11 +33,12 @@ def infer(
 
     test_only: leave out all trials but the network's own test trials.
     allow_other_encoder: warn of spikes with another encoder than in training, instead of refusing them.
-    Raises InputError for spikes of another encoder, other afferents, another clock or unknown classes.
+    Raises InputError for spikes of another encoder, other afferents, another clock or, unless the network refuses
+    touches that are none of its classes, unknown classes.
     """
     unknown = sorted(set(trains.classes) - set(restored.classes))
     target = restored.task.target
-    if unknown and not target:
+    if unknown and not target and restored.refusal is None:
         raise InputError(f"spikes: class '{unknown[0]}' is not a class of the network ({', '.join(restored.classes)})")
     check_same_input(restored, trains, allow_other_encoder)
     known = restored.provenance
@@ -58,7 +59,7 @@ def infer(
     table = synops.table_of(
         synops_of(result, network),
         labels=np.array(trains.classes)[trains.labels[windows.trial]],
-        predicted=labels if target else np.array(restored.classes)[labels],
+        predicted=labels if target else np.array([*restored.classes, synops.REFUSED])[labels],
         steps=steps,
         input_spikes=input_spikes,
         hidden_spikes=hidden_spikes,
