@@ -28,6 +28,7 @@ from .api.recordings import save as save
 from .api.recordings import simulate as simulate
 from .api.settings import Events as Events
 from .api.settings import Layout as Layout
+from .api.settings import Learn as Learn
 from .api.settings import Naming as Naming
 from .api.settings import Onset as Onset
 from .api.settings import Search as Search

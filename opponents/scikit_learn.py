@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 from neurotact_parts.opponents import rounding
 from neurotact_parts.opponents.kernel_machines import SupportVectorMachines
-from sklearn.ensemble import ExtraTreesClassifier
+from sklearn.ensemble import ExtraTreesClassifier, ExtraTreesRegressor
 from sklearn.metrics.pairwise import rbf_kernel
 from sklearn.neighbors import KNeighborsClassifier
 from sklearn.svm import SVC
@@ -138,7 +138,7 @@ class Trees(Layer):
         return with_weights(parameters, acs=sums, comparisons=compared, **moved)
 
 
-def mean_depth(forest: ExtraTreesClassifier, features: np.ndarray) -> float:
+def mean_depth(forest: ExtraTreesClassifier | ExtraTreesRegressor, features: np.ndarray) -> float:
     """Comparisons from the root to a leaf, a mean over trees and examples `(example, feature)`."""
     checked = features.astype(np.float32)  # as trees hold them, once for all
     paths = (tree.decision_path(checked, check_input=False) for tree in forest.estimators_)

@@ -25,11 +25,15 @@ Opponents = Literal["none", "linear", "readout", "quick", "all"]
 """Which opponents a study fits."""
 Takes = Literal["features", "sequences", "signals"]
 Joins = Literal["linear", "quick", "all", "named"]
+Tells = Literal["classes", "numbers"]
 LEVELS = {"linear": 0, "readout": 0, "quick": 1, "all": 2, "named": 3}
 
 
 class Sides(NamedTuple):
-    """Inputs `(example, ...)` and labels `(example,)` for training, validation and test."""
+    """Inputs `(example, ...)` and labels `(example,)` for training, validation and test.
+
+    Labels of numbers are `(example, target)`, standardised on the training side.
+    """
 
     train: np.ndarray
     validation: np.ndarray
@@ -92,6 +96,7 @@ class Opponent:
     words: the settings in words, from the fitted estimator.
     rounded: a copy of the fitted estimator whose parameters are whole numbers of so many bits times a step (`rounded`),
         from it, its training input and the bits. Without it, tables say "not rounded".
+    tells: the `classes` of examples or `numbers`.
     joins: studies whose `baselines` are `linear`, `quick` or `all` fit it; `named`: those that ask for it by name.
     is_ordered: False where a grid need not begin with the cheapest: then all are fitted, and the cheapest of the most
         accurate is chosen.
@@ -114,6 +119,7 @@ class Opponent:
     words: Callable[[Any], str] | None = None
     rounded: Callable[[Any, np.ndarray, int], Any] | None = None
     joins: Joins = "quick"
+    tells: Tells = "classes"
     is_ordered: bool = True
     most_examples: int | None = None
     least_steps: int = 1
@@ -121,6 +127,7 @@ class Opponent:
     def __post_init__(self) -> None:
         one_of("takes", self.takes, get_args(Takes))
         one_of("joins", self.joins, get_args(Joins))
+        one_of("tells", self.tells, get_args(Tells))
         for name in ("build", "layers", "words", "rounded"):
             value = getattr(self, name)
             if not callable(value) and (value is not None or name == "build"):
@@ -163,7 +170,7 @@ def load(name: str) -> Opponent:
     return plugins.load("opponents", name, Opponent)
 
 
-def joined(takes: Takes, level: Opponents) -> dict[str, Opponent]:
+def joined(takes: Takes, level: Opponents, tells: Tells = "classes") -> dict[str, Opponent]:
     """The opponents of an input that a study of a level fits, by name, in the order of tables and of ties.
 
     Those that ship come first, as `pyproject.toml` has them.
@@ -172,7 +179,8 @@ def joined(takes: Takes, level: Opponents) -> dict[str, Opponent]:
     ['logistic regression']
     """
     found = {name: load(name) for name in plugins.in_order("opponents")}
-    return {name: one for name, one in found.items() if one.takes == takes and LEVELS[one.joins] <= LEVELS[level]}
+    own = {name: one for name, one in found.items() if (one.takes, one.tells) == (takes, tells)}
+    return {name: one for name, one in own.items() if LEVELS[one.joins] <= LEVELS[level]}
 
 
 def best_of(opponent: Opponent, sides: Sides, seed: int) -> Candidate:
@@ -211,8 +219,21 @@ def rounded(values: ArrayLike, bits: int, of: ArrayLike | None = None) -> np.nda
 
 
 def accuracy(candidate: Candidate, x: np.ndarray, y: np.ndarray) -> float:
-    """Share of correct decisions."""
-    return float((candidate.fitted.predict(x) == y).mean())
+    """Share of correct decisions, or the mean score of numbers."""
+    return float(right(candidate.fitted.predict(x), y).mean())
+
+
+def right(told: np.ndarray, labels: np.ndarray) -> np.ndarray:
+    """Whether each example is decided correctly, or the score of its standardised numbers, `(example,)`.
+
+    The score is 1 less the mean over targets of the squared error, as of networks.
+
+    >>> right(np.array([1, 0]), np.array([1, 1])), right(np.array([0.5, 1.0]), np.array([[0.0], [1.0]]))
+    (array([ True, False]), array([0.75, 1.  ]))
+    """
+    if labels.ndim == 1:
+        return told == labels
+    return 1 - np.square(told.reshape(labels.shape) - labels).mean(axis=1)
 
 
 @contextmanager

@@ -50,10 +50,11 @@ def stream(given: dict[str, Any], as_json: Json = False) -> None:
 
 def _line(decision: Any, *, as_json: bool) -> str:
     if as_json:
-        return json.dumps(decision._asdict())
+        return json.dumps({key: value for key, value in decision._asdict().items() if value is not None})
     held = f", {decision.held} steps on repeated values" if decision.held else ""
     label = printable(decision.label)
-    label = label if decision.heard else f"nothing (no readout spike; {label} by its index)"
+    if not (decision.heard or decision.values):
+        label = f"nothing (no readout spike; {label} by its index)"
     return (
         f"{decision.time_s:.4f} s: {label} after {decision.steps} steps ({decision.ms:g} ms), "
         f"{decision.input_spikes} + {decision.hidden_spikes} spikes, {decision.sops} SOPs{held}"

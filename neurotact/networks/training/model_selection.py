@@ -35,15 +35,15 @@ class Choice(Spec):
     """The network, with its recipe resolved."""
     exit_patience: int | None = Field(default=None, ge=1)
     gone = {"exit_margin": None}
-    accuracy_validation: float = Field(ge=0, le=1)
-    exit_accuracy_validation: float = Field(ge=0, le=1)
+    accuracy_validation: float = Field(le=1)
+    exit_accuracy_validation: float = Field(le=1)
     exit_losses: dict[int, float] = {}
     """By validation trial, as of `ExitChoice`; a choice of an earlier version has none."""
-    recurrence_gain: float | None = Field(default=None, ge=-1, le=1)
-    smallest_accuracy: float | None = Field(default=None, ge=0, le=1)
-    layer_gain: float | None = Field(default=None, ge=-1, le=1)
-    path_gain: float | None = Field(default=None, ge=-1, le=1)
-    """Of validation accuracy; None if it was not tried (`epochs.Training`)."""
+    recurrence_gain: float | None = None
+    smallest_accuracy: float | None = Field(default=None, le=1)
+    layer_gain: float | None = None
+    path_gain: float | None = None
+    """Of validation accuracy, or score of numbers; None if it was not tried (`epochs.Training`)."""
 
     @classmethod
     def of(cls, fitted: Trained, validation: Examples) -> "Choice":

@@ -280,6 +280,14 @@ class Restored(NamedTuple):
         """The names of the afferents, in the order of the network's inputs; None if unknown."""
         return self.names if self.provenance is None else self.provenance.afferents
 
+    def of_classes(self, what: str) -> "Restored":
+        """The network itself; InputError for one that tells numbers, which `what` has no use for."""
+        if target := self.task.target:
+            raise InputError(
+                f"{self.source}: tells numbers ({', '.join(target)}), and {what} needs classes; train without `target`"
+            )
+        return self
+
     def exits(self, early_exit: bool = True) -> ExitRule:
         """The rule by which it decides: that of early exit if asked for and used (`patience.ExitChoice.used`)."""
         if not early_exit:

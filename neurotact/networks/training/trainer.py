@@ -15,9 +15,10 @@ from neurotact.networks.definition.network import Network
 from neurotact.networks.definition.specs import RSNNSpec
 from neurotact.networks.exit import patience
 from neurotact.networks.exit.patience import ExitChoice, Judged
-from neurotact.networks.exit.rule import ExitRule
+from neurotact.networks.exit.rule import FULL_WINDOW, ExitRule
 from neurotact.networks.training import ensemble
 from neurotact.networks.training.epochs import Checkpoint, Examples, Training
+from neurotact.networks.training.numbers import spec_for
 from neurotact.networks.training.tasks import Sides, Task, names_of, sides_of
 
 AT_ONCE = 256
@@ -104,7 +105,9 @@ def _warn_of_silence(training: Examples) -> None:
 
 
 def finished(network: Network, training: Training, sides: Sides, task: Task) -> Trained:
-    """A trained network, with the exit rule chosen on its validation windows."""
+    """A trained network, with the exit rule chosen on its validation windows; one of numbers has whole windows."""
+    if task.target:
+        return Trained(network, training, FULL_WINDOW)
     training_side = sides.train if task.exit_choice == "steady" else None
     held = exit_of(network, sides.validation, task.exit_tolerance, training_side)
     return Trained(network, training, held.rule, held=held)
@@ -120,7 +123,7 @@ def new_network(
     task: as for `tasks.names_of`.
     """
     weights, order = (torch.Generator().manual_seed(seed) for seed in seeds)
-    names = names_of(trains, task)
+    names, spec = names_of(trains, task), spec_for(spec, task.target if task else ())
     return begin(training, len(names), spec, trains.sampling_rate_Hz, weights, backend=backend), order
 
 
