@@ -202,6 +202,7 @@ WAYS = {
         ),
         Way("import table in/continuous.csv --unit mV --segments -o a.h5", {"--columns": "--columns p1"}),
         Way("import table in/continuous.csv --unit mV -o a.h5", {"--segments": "--segments"}),
+        Way("import table in/continuous.csv --unit mV --segments -o a.h5", {"--keep-whole": "--keep-whole"}),
         Way("import table in/unlabelled.csv --unit mV -o a.h5", {"--annotations": "--annotations in/annotations.csv"}),
         Way(
             "import table in/unlabelled.csv --unit mV --annotations in/annotations.csv -o a.h5",

@@ -2,7 +2,8 @@
 
 Recordings: `signals/values` (all trials end to end, `(time, channel)`), `signals/lengths`, `conditions/<column>`.
 Spike trains: the layout of the Spiking Heidelberg Digits (`spikes/times` in s, `spikes/units`, `labels`), and
-`conditions/<column>`, `trial_steps`. Everything else is in the file's attributes.
+`conditions/<column>`, `trial_steps`. Both: `marks/<column>`, where trials have any. Everything else is in the file's
+attributes.
 """
 
 from __future__ import annotations
@@ -22,6 +23,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from neurotact import plugins
+from neurotact.data import marks as annotations
 from neurotact.data.hdf5_input import EVENTS, Declared, attribute, names, opened, table
 from neurotact.data.hdf5_output import Output, create
 from neurotact.data.recordings import (
@@ -67,6 +69,7 @@ def save_recordings(recordings: Recordings, path: str | Path) -> None:
             output.check()
         file["signals/lengths"] = lengths
         _write_table(file.create_group("conditions"), recordings.conditions)
+        _write_marks(file, recordings.marks)
 
 
 @dataclass(frozen=True, eq=False)
@@ -89,6 +92,7 @@ class StoredRecordings(Trials):
     channels: tuple[str, ...]
     source: str
     columns: tuple[int, ...] | None = None
+    marks: pd.DataFrame | None = None
 
     @property
     def lengths(self) -> np.ndarray:
@@ -119,6 +123,7 @@ class StoredRecordings(Trials):
             conditions=self.conditions,
             channels=self.channels,
             source=self.source,
+            marks=self.marks,
         )
 
     def select(self, keep: ArrayLike) -> Self:
@@ -129,6 +134,7 @@ class StoredRecordings(Trials):
             starts=self.starts[index],
             stored_lengths=self.stored_lengths[index],
             conditions=self.conditions.iloc[index].reset_index(drop=True),
+            marks=annotations.selected(self.marks, index),
         )
 
     def of_taxels(self, order: Sequence[int]) -> Self:
@@ -192,7 +198,7 @@ def _stored(declared: Declared, path: str) -> StoredRecordings:
     check_channels(channels, path)
     for trial in (0, int(lengths.argmin())):
         check_shape((int(lengths[trial]), *values.shape[1:]), trial, len(channels), path)
-    conditions = _read_table(declared, len(lengths))
+    conditions = _read_table(declared, "conditions", len(lengths))
     check_conditions(conditions, path)
     return StoredRecordings(
         values=values,
@@ -204,6 +210,7 @@ def _stored(declared: Declared, path: str) -> StoredRecordings:
         conditions=conditions,
         channels=channels,
         source=path,
+        marks=annotations.checked(_read_marks(declared), lengths / rate_Hz, path),
     )
 
 
@@ -258,11 +265,12 @@ def spike_writer(
     touch_s: float | None = None,
     variations: tuple[np.ndarray, np.ndarray] | None = None,
     recorded_Hz: float | None = None,
+    marks: pd.DataFrame | None = None,
 ) -> Iterator[_SpikeWriter]:
     """Write a spikes file to `path`, whole or not at all: the block appends one trial for each row of `conditions`.
 
     variations: of the last rows, which are varied copies: the trial of each, and what varies. recorded_Hz: of the
-    recordings.
+    recordings. marks: of the trials.
 
     >>> import tempfile
     >>> path = Path(tempfile.mkdtemp()) / "spikes.h5"
@@ -297,6 +305,7 @@ def spike_writer(
             if writer.trial_touches != writer.trial_digests:
                 file["trial_touches"] = np.array(writer.trial_touches, dtype="S")
         _write_table(file.create_group("conditions"), conditions)
+        _write_marks(file, marks)
 
 
 def source_of(path: str | Path) -> str:
@@ -322,7 +331,7 @@ def save_spikes(trains: SpikeTrains, path: str | Path) -> None:
     every, copies = trains.with_variations(), trains.variations
     about = (every.conditions, trains.sampling_rate_Hz, trains.afferents, trains.encoder, trains.source)
     variation = None if copies is None else (copies.of, copies.kind)
-    with spike_writer(path, *about, trains.touch_s, variation, trains.recorded_Hz) as writer:
+    with spike_writer(path, *about, trains.touch_s, variation, trains.recorded_Hz, trains.marks) as writer:
         for trial in trains.trials():
             writer.append(trial)
         for trial in copies.trains.trials() if copies else ():
@@ -377,7 +386,7 @@ def _spikes(declared: Declared) -> SpikeTrains:
     rate_Hz = float(attribute(file, "sampling_rate_Hz", path))
     check_sampling_rate(rate_Hz, str(path))
     trial_steps = declared.numbers("trial_steps")
-    conditions = _read_table(declared, len(trial_steps))
+    conditions = _read_table(declared, "conditions", len(trial_steps))
     times = declared.rows("spikes/times", "f")
     units = declared.rows("spikes/units", "iu")
     try:
@@ -394,6 +403,7 @@ def _spikes(declared: Declared) -> SpikeTrains:
             touch_s=float(attribute(file, "touch_s", path)) if "touch_s" in file.attrs else None,
             trial_touches=tuple(declared.texts("trial_touches")) if "trial_touches" in file else (),
             recorded_Hz=_recorded_Hz(file, path),
+            marks=_read_marks(declared),
         )
         return _with_variations(trains, declared) if "variation_of" in file else trains
     except InputError as error:
@@ -441,8 +451,20 @@ def _write_table(group: h5py.Group, table: pd.DataFrame) -> None:
             group.create_dataset(str(column), data=values.astype(str).astype(object), dtype=h5py.string_dtype())
 
 
-def _read_table(declared: Declared, n_trials: int) -> pd.DataFrame:
-    columns = names(attribute(declared.group("conditions"), "columns", declared.path))
+def _read_table(declared: Declared, name: str, n_rows: int) -> pd.DataFrame:
+    columns = names(attribute(declared.group(name), "columns", declared.path))
     if len(set(columns)) < len(columns):
         raise ValueError("a condition occurs twice in its table")
-    return pd.DataFrame({column: declared.column(f"conditions/{column}", n_trials) for column in columns})
+    return pd.DataFrame({column: declared.column(f"{name}/{column}", n_rows) for column in columns})
+
+
+def _write_marks(file: h5py.File, marks: pd.DataFrame | None) -> None:
+    if marks is not None:
+        _write_table(group := file.create_group("marks"), marks)
+        group.attrs["rows"] = len(marks)
+
+
+def _read_marks(declared: Declared) -> pd.DataFrame | None:
+    if "marks" not in declared.file:
+        return None
+    return _read_table(declared, "marks", int(attribute(declared.group("marks"), "rows", declared.path)))

@@ -83,7 +83,7 @@ def encode_recordings(
         return trains
     of, kind = order_of(len(recordings), augmentation)
     conditions = trains.conditions.iloc[of].reset_index(drop=True)
-    about = _about(recordings, spec) | {"conditions": conditions}
+    about = _about(recordings, spec) | {"conditions": conditions, "marks": None}
     return replace(
         trains, variations=Variations(from_trials(_copies(copied or recordings, spec, augmentation), **about), of, kind)
     )
@@ -273,6 +273,7 @@ def _about(recordings: Trials, spec: EncoderSpec) -> dict[str, Any]:
         "source": recordings.source,
         "touch_s": common_onset_s(recordings),
         "recorded_Hz": recordings.sampling_rate_Hz,
+        "marks": recordings.marks,
     }
 
 
