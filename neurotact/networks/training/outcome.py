@@ -3,7 +3,9 @@
 from collections.abc import Collection, Iterator, Mapping
 from typing import Any, NamedTuple
 
-from neurotact import files
+import pandas as pd
+
+from neurotact import files, plugins
 from neurotact.data.conditioning import acausal_note
 from neurotact.data.copies import copies_of
 from neurotact.data.spikes import SpikeTrains
@@ -36,6 +38,10 @@ class Outcome(NamedTuple):
     acausal: str | None
     start: str = starts.ONE
     """What is said of the start of the weights."""
+    tables: Mapping[str, pd.DataFrame] = {}
+    """Of a detector, by the names of their files."""
+    told: Collection[str] = ()
+    """Of a detector, what it comes to, in words."""
 
     def as_json(self) -> dict[str, Any]:
         """The content of `result.json`."""
@@ -50,7 +56,10 @@ class Outcome(NamedTuple):
         """The accuracy, the cost and the confusions in words."""
         costs = comparison.costs(self.row, self.step_ms)
         if self.confusion:
-            first, last = [], [*comparison.recurrence(self.row), comparison.confused(self.confusion, self.classes)]
+            first, last = (
+                [*self.told],
+                [*comparison.recurrence(self.row), comparison.confused(self.confusion, self.classes)],
+            )
         else:
             first, last = [*numbers.lines(self.row, self.classes)], []
         return [
@@ -100,7 +109,12 @@ def outcome_of(
     held, tested = ((task.training_window, parts.validation), (task.window, parts.test))
     trials = Trials(*(copies.first[trains.cut(window, side).trial] for window, side in (held, tested)))
     names = tasks.names_of(trains, task)
-    if task.target:
+    tables, told = {}, []
+    if task.detects:
+        judge = plugins.load_function("tools", "judge_detector")
+        found, tables, told = judge(fitted.network, trains, tasks.trials_of(trains, task).test, fitted.detector)
+        result["row"] |= found
+    if task.numbers:
         result["row"] |= numbers.errors(result["values"], sides.test.labels.numpy(), names, trials.test)
     compared = compare(result["right"], sides, trials, len(names), last)
     return Outcome(
@@ -115,6 +129,8 @@ def outcome_of(
         1e3 / trains.sampling_rate_Hz,
         acausal_note(trains.encoder),
         starts.FITTED if fitted.network.spec.own is None and not fitted.network.spec.hidden else starts.ONE,
+        tables,
+        told,
     )
 
 
@@ -133,7 +149,7 @@ def _cautions(
     command: cautions.Command,
     searched: Collection[str],
 ) -> Iterator[str]:
-    told = numbers.scored if task.target else comparison.percent
+    told = numbers.scored if task.numbers else comparison.percent
     guess = max(compared.chance, compared.commonest)
     yield from cautions.not_learned(compared.accuracy, compared.low, guess, command, told)
     spec = fitted.network.spec

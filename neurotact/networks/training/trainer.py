@@ -7,6 +7,7 @@ from typing import Any, NamedTuple
 import torch
 from torch import Tensor
 
+from neurotact import plugins
 from neurotact.backend import Backend
 from neurotact.data.spikes import SpikeTrains
 from neurotact.data.splits import Split
@@ -18,8 +19,9 @@ from neurotact.networks.exit.patience import ExitChoice, Judged
 from neurotact.networks.exit.rule import FULL_WINDOW, ExitRule
 from neurotact.networks.training import ensemble
 from neurotact.networks.training.epochs import Checkpoint, Examples, Training
+from neurotact.networks.training.events import DetectorSpec
 from neurotact.networks.training.numbers import spec_for
-from neurotact.networks.training.tasks import Sides, Task, names_of, sides_of
+from neurotact.networks.training.tasks import Sides, Task, names_of, sides_of, trials_of
 
 AT_ONCE = 256
 """Windows that are simulated together."""
@@ -29,7 +31,8 @@ class Trained(NamedTuple):
     """A network, the log of its training, and the exit rule chosen on its validation trials.
 
     has_own_rule: False if a training before chose the rule, at a condition that this one has. held: the rule with its
-    losses on trials that did not choose it, which decide whether it is used; None if it is given.
+    losses on trials that did not choose it, which decide whether it is used; None if it is given. detector: the rule of
+    a detector, chosen on validation recordings.
     """
 
     network: Network
@@ -37,6 +40,7 @@ class Trained(NamedTuple):
     rule: ExitRule
     has_own_rule: bool = True
     held: ExitChoice | None = None
+    detector: DetectorSpec | None = None
 
     def with_rule(self, rule: ExitRule, held: ExitChoice | None = None) -> "Trained":
         """The network with the exit rule that a training before it chose."""
@@ -66,7 +70,15 @@ def fit(
     _warn_of_silence(sides.train)
     how = {"device": device, "backend": backend, "progress": progress, "start": start, "keep": keep}
     network, training = new_trained(trains, spec, seeds, sides.train, sides.validation, task=task, **how)
-    return finished(network.cpu(), training, sides, task), sides
+    done = finished(network.cpu(), training, sides, task)
+    if task.detects:
+        held, n_steps = (
+            trials_of(trains, task, split).validation,
+            sides.validation.spikes.shape[1] // network.steps_per_bin,
+        )
+        choose = plugins.load_function("tools", "choose_detector")
+        done = done._replace(detector=choose(network, trains, held, task.false_alarms_per_h, n_steps))
+    return done, sides
 
 
 def new_trained(
@@ -105,7 +117,7 @@ def _warn_of_silence(training: Examples) -> None:
 
 
 def finished(network: Network, training: Training, sides: Sides, task: Task) -> Trained:
-    """A trained network, with the exit rule chosen on its validation windows; one of numbers has whole windows."""
+    """A trained network, with the exit rule chosen on its validation windows; one with a target has whole windows."""
     if task.target:
         return Trained(network, training, FULL_WINDOW)
     training_side = sides.train if task.exit_choice == "steady" else None
@@ -123,7 +135,7 @@ def new_network(
     task: as for `tasks.names_of`.
     """
     weights, order = (torch.Generator().manual_seed(seed) for seed in seeds)
-    names, spec = names_of(trains, task), spec_for(spec, task.target if task else ())
+    names, spec = names_of(trains, task), spec_for(spec, task.numbers if task else ())
     return begin(training, len(names), spec, trains.sampling_rate_Hz, weights, backend=backend), order
 
 
