@@ -12,13 +12,19 @@ from typing import Any, NamedTuple
 
 import numpy as np
 import pandas as pd
+import torch
+from neurotact_parts.streams.long_recordings import PART_S, RECORDING
 
 from neurotact.data import marks
 from neurotact.data.spikes import SpikeTrains
+from neurotact.data.windows import Windows
+from neurotact.errors import InputError
+from neurotact.metrics import synops
 from neurotact.metrics.shares import wilson_interval
 from neurotact.networks.definition.network import Network
 from neurotact.networks.training import numbers
-from neurotact.networks.training.events import PART_S, RECORDING, DetectorSpec, names_of, values_of
+from neurotact.networks.training.events import DetectorSpec, in_parts, names_of
+from neurotact.networks.training.run_folder import Restored
 
 THRESHOLDS = 40
 """How many thresholds are tried: quantiles of the lead on validation recordings."""
@@ -80,6 +86,17 @@ class Heard(NamedTuple):
     step_s: float
     lasts_s: float
     marked: list[tuple[int, float, float]]
+
+
+@torch.no_grad()
+def values_of(network: Network, trains: SpikeTrains, trial: int) -> np.ndarray:
+    """The value of each label after each whole step of the network, through a trial without reset, `(step, label)`."""
+    n_steps = int(trains.trial_steps[trial]) // network.steps_per_bin * network.steps_per_bin
+    whole = trains.raster(Windows(np.array([trial]), np.zeros(1, np.int64), n_steps))
+    gained = network.simulate(torch.from_numpy(whole).to(network.device)).readout[0].cpu()
+    integration = network.integration
+    assert integration is not None
+    return torch.stack([*integration.cpu().over(gained)]).numpy()
 
 
 def heard(network: Network, trains: SpikeTrains, trials: Sequence[int], names: Sequence[str]) -> list[Heard]:
@@ -224,11 +241,23 @@ def events_of(
     return table.sort_values(["trial", "detected_s"], ignore_index=True)
 
 
-def detected(
-    network: Network, trains: SpikeTrains, trials: Sequence[int], rule: DetectorSpec, names: Sequence[str]
-) -> pd.DataFrame:
-    """`events_of` recordings, with or without marks."""
-    return events_of(trains, heard(network, trains, trials, names), rule, names)
+def detected(restored: Restored, trains: SpikeTrains, *, test_only: bool = False) -> pd.DataFrame:
+    """`events_of` recordings, and the side of each: parts of those that a detector was trained on, whole others.
+
+    test_only: of its test recordings alone.
+    """
+    known, rule = restored.provenance, restored.detector
+    assert known is not None
+    assert rule is not None
+    parts = in_parts(trains, restored.task.parts)
+    trains = parts if (known.sides(parts) != synops.UNSEEN).any() else trains
+    sides, tables = known.sides(trains), []
+    for trial in known.tested(trains) if test_only else range(len(trains)):
+        found = heard(restored.network, trains, [int(trial)], restored.classes)
+        tables.append(events_of(trains, found, rule, restored.classes).assign(side=sides[trial]))
+    if not tables:
+        raise InputError("spikes: hold none of the detector's test recordings; give those that it was trained on")
+    return pd.concat(tables, ignore_index=True)
 
 
 def _lines(row: dict[str, float]) -> Iterator[str]:

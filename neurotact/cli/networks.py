@@ -26,17 +26,9 @@ COPIES = option(
     show_default="those in the file",
 )
 SHOWN = [
-    "label",
-    "windows",
-    "accuracy",
-    "steps",
-    "input_spikes",
-    "hidden_spikes",
-    "sops_total",
+    "label", "windows", "accuracy", "steps", "input_spikes", "hidden_spikes", "sops_total", "outcome", "events",
     "delay_ms",
-    "outcome",
-    "events",
-]
+]  # fmt: skip
 """The columns of a SOP summary that fit a terminal, and errors of numbers; the files hold all of them."""
 SIDES = {
     "training": "training windows: seen in training, so their accuracy does not hold for new touches",

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
@@ -14,7 +14,8 @@ with lazily():
     import pandas as pd
 
 
-COLUMNS = ["trial", "start_s", "stop_s", "label"]
+KINDS = {"trial": np.int64, "start_s": np.float64, "stop_s": np.float64, "label": str}
+COLUMNS = [*KINDS]
 NONE = "none"
 """The label of time without a mark."""
 
@@ -30,15 +31,13 @@ def checked(marks: Any, durations_s: np.ndarray, where: str) -> pd.DataFrame | N
     """
     if marks is None:
         return None
-    given = marks if isinstance(marks, pd.DataFrame) or not isinstance(marks, Mapping) else pd.DataFrame(dict(marks))
-    if not isinstance(given, pd.DataFrame) or (absent := [name for name in COLUMNS if name not in given]):
-        named = f"'{absent[0]}'" if isinstance(given, pd.DataFrame) else "a table"
-        raise InputError(f"{where}: marks lack {named}; give a table with the columns {', '.join(COLUMNS)}")
     try:
-        kinds = {"trial": np.int64, "start_s": np.float64, "stop_s": np.float64, "label": str}
-        table = given[COLUMNS].astype(kinds).sort_values(["trial", "start_s"], ignore_index=True)
-    except (TypeError, ValueError) as error:
-        raise InputError(f"{where}: marks hold what is no time or number of a trial ({error})") from error
+        table = pd.DataFrame(marks if isinstance(marks, pd.DataFrame) else dict(marks))[COLUMNS].astype(KINDS)
+    except (TypeError, ValueError, KeyError) as error:
+        raise InputError(
+            f"{where}: marks need the columns {', '.join(COLUMNS)}, with numbers and text ({error})"
+        ) from error
+    table = table.sort_values(COLUMNS[:2], ignore_index=True)
     trial, start, stop = (table[name].to_numpy() for name in COLUMNS[:3])
     lasts = durations_s[np.clip(trial, 0, len(durations_s) - 1)]
     overlaps = np.append((trial[1:] == trial[:-1]) & (start[1:] < stop[:-1] - 1e-9), False)

@@ -7,6 +7,17 @@ import torch
 from hypothesis import given
 from hypothesis import strategies as st
 from levels import examples
+from neurotact_parts.streams.long_recordings import (
+    LEFT,
+    PART_S,
+    RECORDING,
+    in_parts,
+    left_after,
+    network_for,
+    parts_for,
+    taus_ms_of,
+    window_for,
+)
 
 import neurotact as nt
 from neurotact.data import marks
@@ -16,7 +27,7 @@ from neurotact.errors import InputError
 from neurotact.networks.definition.learned import LearnSpec
 from neurotact.networks.definition.rsnn import RSNN
 from neurotact.networks.definition.specs import RSNNSpec
-from neurotact.networks.training import events, tasks
+from neurotact.networks.training import tasks
 
 RATE_Hz = 100.0
 
@@ -46,8 +57,11 @@ def long_trains(draw):
 @given(long_trains(), st.integers(2, 6))
 @examples(40)
 def test_parts_hold_every_spike_and_every_mark_once_and_no_onset_is_lost(trains, n):
-    parts = events.in_parts(trains, n)
-    of, begin_s = parts.conditions[events.RECORDING].to_numpy(), parts.conditions[events.PART_S].to_numpy()
+    parts = in_parts(trains, n)
+    of, begin_s = (
+        parts.conditions[RECORDING].to_numpy(),
+        parts.conditions[PART_S].to_numpy(),
+    )
     first = np.rint(begin_s * RATE_Hz).astype(int)
     for trial in range(len(trains)):
         mine = np.flatnonzero(of == trial)
@@ -66,19 +80,19 @@ def test_parts_hold_every_spike_and_every_mark_once_and_no_onset_is_lost(trains,
 
 def test_one_part_is_the_recording_itself():
     trains = trains_of([100])
-    assert events.in_parts(trains, 1) is trains
+    assert in_parts(trains, 1) is trains
 
 
 def test_few_recordings_are_split_by_time_and_the_windows_at_cuts_are_counted(caplog):
     table = [(0, 2.0, 3.1, "slip"), (0, 5.0, 5.5, "slip"), (1, 1.0, 4.0, "slip")]
     trains, window = trains_of([1000, 600], table), WindowSpec(length_ms=300, hop_ms=100)
-    assert events.parts_for(trains, window) == 5
-    parts = events.in_parts(trains, 5)
+    assert parts_for(trains, window) == 5
+    parts = in_parts(trains, 5)
     whole, cut = trains.cut(window), parts.cut(window)
     assert f"{len(whole) - len(cut)} of {len(whole)} windows" in caplog.text
     inside = [*zip(cut.trial, cut.start, strict=True)]
     assert all(start + 30 <= parts.trial_steps[trial] for trial, start in inside)
-    assert events.parts_for(trains_of([100] * 10), WindowSpec(length_ms=300)) == 1
+    assert parts_for(trains_of([100] * 10), WindowSpec(length_ms=300)) == 1
 
 
 def test_a_window_has_the_label_at_its_end():
@@ -94,7 +108,7 @@ def test_a_window_has_the_label_at_its_end():
 
 def test_sides_share_no_sample_and_classes_count_the_same():
     table = [(trial, 0.5 + k, 0.7 + k, "slip") for trial in range(2) for k in range(9)]
-    trains = events.in_parts(trains_of([1000, 1000], table), 5)
+    trains = in_parts(trains_of([1000, 1000], table), 5)
     task = tasks.Task(window=WindowSpec(length_ms=100, hop_ms=50), target=("events",), balance="classes")
     sides, trials = tasks.sides_of(trains, task), tasks.trials_of(trains, task)
     assert sorted(np.concatenate(trials).tolist()) == [*range(len(trains))]
@@ -108,7 +122,7 @@ def test_sides_share_no_sample_and_classes_count_the_same():
 def test_what_is_left_of_a_response_is_the_tail_of_the_sum_of_waiting_times(taus):
     drawn = np.random.default_rng(0).exponential(taus, (200_000, len(taus))).sum(axis=1)
     for length_ms in (20.0, 60.0):
-        assert events.left_after(taus, length_ms) == pytest.approx((drawn > length_ms).mean(), abs=0.005)
+        assert left_after(taus, length_ms) == pytest.approx((drawn > length_ms).mean(), abs=0.005)
 
 
 DEFAULT = {"recipe": "default"}
@@ -119,14 +133,11 @@ DEFAULT = {"recipe": "default"}
 )
 def test_the_window_that_nobody_gave_is_as_long_as_the_time_constants_need(keys):
     spec = RSNNSpec(**keys)
-    window = events.window_for(WindowSpec(), spec)
-    assert events.left_after(events._taus_ms(spec, window.length_ms), window.length_ms) <= events.LEFT
-    assert (
-        window.length_ms == 300
-        or events.left_after(events._taus_ms(spec, window.length_ms - 10), window.length_ms - 10) > events.LEFT
-    )
+    window = window_for(WindowSpec(), spec)
+    assert left_after(taus_ms_of(spec, window.length_ms), window.length_ms) <= LEFT
+    assert window.length_ms == 300 or left_after(taus_ms_of(spec, window.length_ms - 10), window.length_ms - 10) > LEFT
     assert window.hop_ms == window.length_ms / 4
-    given = events.window_for(WindowSpec(length_ms=500, hop_ms=20), spec)
+    given = window_for(WindowSpec(length_ms=500, hop_ms=20), spec)
     assert (given.length_ms, given.hop_ms) == (500, 20)
 
 
@@ -152,17 +163,17 @@ LEAKY = {
 )
 def test_a_network_that_does_not_forget_is_refused_with_the_fix(changes, message):
     window = WindowSpec(length_ms=300)
-    events.check_network(RSNNSpec(**LEAKY), window)
+    network_for(RSNNSpec(**LEAKY), window)
     with pytest.raises(InputError, match=message):
-        events.check_network(RSNNSpec(**{**LEAKY, **changes}), window)
+        network_for(RSNNSpec(**{**LEAKY, **changes}), window)
 
 
 def test_the_length_that_a_refusal_names_is_enough():
     spec = RSNNSpec(**{**LEAKY, "readout_tau_ms": 100.0})
     with pytest.raises(InputError, match="give at least") as refused:
-        events.check_network(spec, WindowSpec(length_ms=300))
+        network_for(spec, WindowSpec(length_ms=300))
     enough = float(str(refused.value).split("give at least ")[1].split()[0])
-    events.check_network(spec, WindowSpec(length_ms=enough))
+    network_for(spec, WindowSpec(length_ms=enough))
 
 
 def test_older_state_is_forgotten():

@@ -19,12 +19,12 @@ from neurotact_parts.studies.texture import slips
 import neurotact as nt
 from neurotact.errors import InputError
 from neurotact.files import read_json
-from neurotact.networks.training import events, run_folder
+from neurotact.networks.training import run_folder
 from neurotact.networks.training.events import DetectorSpec
 
 ENCODER = {"conditioning.resample_Hz": 500.0, "conditioning.baseline": "start", "sa1.gain": 10.0, "ra1.gain": 80.0,
            "sa1.t_ref_ms": 2.0, "ra1.t_ref_ms": 2.0}  # fmt: skip
-SETTINGS = {"hidden": 8, "training.epochs": 3, "step_ms": 4.0}
+SETTINGS = {"hidden": 8, "training.epochs": 12, "step_ms": 4.0}
 
 
 @pytest.fixture(scope="module")
@@ -165,7 +165,7 @@ def test_infer_lists_the_events_of_each_side_and_of_other_recordings(run):
 def offline(run, recordings):
     """The detector's chain, and its values on a recording, `(step, label)`."""
     restored, trains = run_folder.restore(run), nt.encode(recordings, "sa1-ra1-lif", ENCODER)
-    return restored, events.values_of(restored.network, trains, 0)
+    return restored, detector.values_of(restored.network, trains, 0)
 
 
 @pytest.mark.parametrize("block", [1, 7, 10_000])
@@ -241,7 +241,7 @@ def test_a_detector_is_refused_where_windows_are_decided(run, tmp_path):
         with pytest.raises(InputError, match="runs on without windows"):
             chain_of(run, nt.Streamed(**one))
     with pytest.raises(InputError, match=r"events in time: C .* stream it"):
-        nt.export(run, tmp_path / "c", to="c")
+        nt.export(run, tmp_path / "c", "c", variant="float")
     with pytest.raises(InputError, match=r"detects events, and .* needs classes"):
         run_folder.restore(run).of_classes("the bill in C")
 

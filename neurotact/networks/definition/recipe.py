@@ -46,8 +46,8 @@ HIDDEN, STRETCHES, FITTED_STRETCHES = 50, 4, 32
 """Hidden neurons; stretches of the readout, behind them and without them, where they are fitted with a penalty."""
 RECURRENT_STEPS, RECURRENT_MS = 300, 1500.0
 """Where recurrence is tried: the most steps of the network, and the longest window."""
-TAU_SHARE, READOUT_SHARE = 20, 6
-"""How many time constants of a neuron, and of a detector's readout, a window has."""
+TAU_SHARE = 20
+"""Time constants of neurons in a window."""
 FEW, ENOUGH = 4.0, 6.0
 """Spikes per afferent and window: up to the first they are few, from the second on enough; between them rules fade."""
 LOOKED_AT = 256
@@ -66,7 +66,7 @@ class Seen(NamedTuple):
     windows, steps, sampling_rate_Hz: number of training windows, their length in steps, and steps per second.
     spikes: mean number per afferent and window. apart: the most steps such that at most `MERGED` of the spikes are
     fewer steps after another of their afferent. n_spikes: number of all spikes. merging: how many spikes bins of 1, 2,
-    ... steps merge. detects: whether events are learned (`training.events`).
+    ... steps merge.
     """
 
     windows: int
@@ -76,14 +76,13 @@ class Seen(NamedTuple):
     apart: int = 1
     n_spikes: int = 0
     merging: tuple[int, ...] = ()
-    detects: bool = False
 
     @classmethod
     def of(cls, training: Tensor, sampling_rate_Hz: float) -> "Seen":
         """Of the spikes of training windows, `(window, time, afferent)`.
 
         >>> Seen.of(torch.ones(4, 10, 3), 1000.0)
-        Seen(windows=4, steps=10, sampling_rate_Hz=1000.0, spikes=10.0, apart=1, n_spikes=120, merging=(0, 60, 72, 84, 96), detects=False)
+        Seen(windows=4, steps=10, sampling_rate_Hz=1000.0, spikes=10.0, apart=1, n_spikes=120, merging=(0, 60, 72, 84, 96))
         """  # noqa: E501
         n_windows, n_steps, n_afferents = training.shape
         spikes = float(training.sum()) / max(1, n_windows * n_afferents)
@@ -172,14 +171,13 @@ def choices(seen: Seen, given: Mapping[str, Any] | None = None) -> list[_Choice]
     >>> {choice.key: choice.value for choice in choices(Seen(900, 1000, 1000.0, 50.0))}["tau_mem_ms"]
     50.0
     """
-    of_detector = _of_detector(seen)
-    chosen = _Chosen({choice.key: choice.value for choice in of_detector} | specs.leaves(given or {}))
+    chosen = _Chosen(given or {})
     _choose_size(chosen)
     per_bin = _choose_model(chosen, seen)
     bins = math.ceil(seen.steps / per_bin)
     _choose_readout(chosen, seen, bins, per_bin)
     if not chosen.has_layer:  # nor neurons, nor a training by gradients
-        return _with(chosen.made, of_detector)
+        return chosen.made
     step_ms = 1e3 / seen.sampling_rate_Hz
     tau_ms = _short(max(seen.steps * step_ms / TAU_SHARE, per_bin * step_ms))
     for key in ("tau_mem_ms", "tau_syn_ms"):
@@ -187,26 +185,7 @@ def choices(seen: Seen, given: Mapping[str, Any] | None = None) -> list[_Choice]
     chosen.take("input_deviation", 1.0, "deviation of free membranes on the training windows, in thresholds")
     _choose_length(chosen, seen)
     _choose_training(chosen, seen)
-    return _with(chosen.made, of_detector)
-
-
-def _of_detector(seen: Seen) -> list[_Choice]:
-    """The choices for a network that runs on without windows; none for others."""
-    if not seen.detects:
-        return []
-    tau_ms = _short(1e3 * seen.steps / seen.sampling_rate_Hz / READOUT_SHARE)
-    return [
-        _Choice("model", "snn", "recurrence may keep what is older than a window"),
-        _Choice("readout", "integrator", "it adds up hidden spikes and does not spike"),
-        _Choice("readout_stretches", 1, "a detector runs on without windows"),
-        _Choice("readout_tau_ms", tau_ms, "a sixth of the window, after which state has decayed"),
-    ]
-
-
-def _with(made: list[_Choice], others: list[_Choice]) -> list[_Choice]:
-    """The choices, others in place of those of the same keys."""
-    keys = {choice.key for choice in others}
-    return [*(choice for choice in made if choice.key not in keys), *others]
+    return chosen.made
 
 
 def _choose_size(chosen: _Chosen) -> None:

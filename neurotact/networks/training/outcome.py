@@ -5,7 +5,7 @@ from typing import Any, NamedTuple
 
 import pandas as pd
 
-from neurotact import files, plugins
+from neurotact import files
 from neurotact.data.conditioning import acausal_note
 from neurotact.data.copies import copies_of
 from neurotact.data.spikes import SpikeTrains
@@ -13,6 +13,7 @@ from neurotact.data.splits import Split
 from neurotact.metrics import starts
 from neurotact.networks.training import cautions, comparison, numbers, tasks
 from neurotact.networks.training.comparison import Comparison, Trials, compare
+from neurotact.networks.training.events import tool
 from neurotact.networks.training.model_selection import Choice
 from neurotact.networks.training.tasks import Sides, Task
 from neurotact.networks.training.trainer import Trained
@@ -111,7 +112,7 @@ def outcome_of(
     names = tasks.names_of(trains, task)
     tables, told = {}, []
     if task.detects:
-        judge = plugins.load_function("tools", "judge_detector")
+        judge = tool("judge_detector")
         found, tables, told = judge(fitted.network, trains, tasks.trials_of(trains, task).test, fitted.detector)
         result["row"] |= found
     if task.numbers:

@@ -102,9 +102,9 @@ def run(
         check_stratify(trains.conditions, task.stratify, task.split)
         seen = tasks.seen(trains, task)
         tasks.warn_of_onsets(trains, task.window)
-        chosen = recipe.resolve(numbers.spec_for(network, task.numbers), seen)
         if task.detects:
-            events.check_network(chosen, task.window)
+            network = events.tool("detector_network")(network, task.window)
+        chosen = recipe.resolve(numbers.spec_for(network, task.numbers), seen)
         effects.check_keys(given, [void_keys(chosen)], "network")
         request = _Asked(
             spikes=os.path.relpath(spikes, folder),

@@ -125,8 +125,8 @@ def of_file(
     trains = load_spikes(path, task, tell=True)
     if task.detects:
         events.names_of(trains)
-        suited = events.window_for(task.window, network)
-        task = task.model_copy(update={"window": suited, "parts": events.parts_for(trains, suited)})
+        suited = events.tool("detector_windows")(task.window, network)
+        task = task.model_copy(update={"window": suited, "parts": events.tool("parts_for")(trains, suited)})
         return events.in_parts(trains, task.parts), task
     return trains, with_suited_window(task, trains, ARGUMENTS)
 
@@ -381,7 +381,7 @@ def names_of(trains: SpikeTrains, task: Task | None = None) -> tuple[str, ...]:
 def seen(trains: SpikeTrains, task: Task) -> recipe.Seen:
     """The properties of the training windows that a recipe uses."""
     training, _ = _with_copies(trains, task, trials_of(trains, task).train)
-    return recipe.Seen.of(training.spikes, trains.sampling_rate_Hz)._replace(detects=task.detects)
+    return recipe.Seen.of(training.spikes, trains.sampling_rate_Hz)
 
 
 def warn_of_onsets(trains: SpikeTrains, window: WindowSpec) -> None:

@@ -7,7 +7,6 @@ from typing import Any, NamedTuple
 import torch
 from torch import Tensor
 
-from neurotact import plugins
 from neurotact.backend import Backend
 from neurotact.data.spikes import SpikeTrains
 from neurotact.data.splits import Split
@@ -19,7 +18,7 @@ from neurotact.networks.exit.patience import ExitChoice, Judged
 from neurotact.networks.exit.rule import FULL_WINDOW, ExitRule
 from neurotact.networks.training import ensemble
 from neurotact.networks.training.epochs import Checkpoint, Examples, Training
-from neurotact.networks.training.events import DetectorSpec
+from neurotact.networks.training.events import DetectorSpec, tool
 from neurotact.networks.training.numbers import spec_for
 from neurotact.networks.training.tasks import Sides, Task, names_of, sides_of, trials_of
 
@@ -76,7 +75,7 @@ def fit(
             trials_of(trains, task, split).validation,
             sides.validation.spikes.shape[1] // network.steps_per_bin,
         )
-        choose = plugins.load_function("tools", "choose_detector")
+        choose = tool("choose_detector")
         done = done._replace(detector=choose(network, trains, held, task.false_alarms_per_h, n_steps))
     return done, sides
 

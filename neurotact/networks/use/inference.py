@@ -5,12 +5,11 @@ import warnings
 import numpy as np
 import pandas as pd
 
-from neurotact import plugins
 from neurotact.data.spikes import SpikeTrains
 from neurotact.data.windows import left_out
 from neurotact.errors import InputError
 from neurotact.metrics import synops
-from neurotact.networks.training.events import in_parts
+from neurotact.networks.training.events import tool
 from neurotact.networks.training.provenance import Provenance, first_difference
 from neurotact.networks.training.run_folder import Restored
 from neurotact.networks.training.tasks import examples_of, warn_of_onsets
@@ -48,7 +47,7 @@ def infer(
     _check_encoder(restored, trains, allow_other_encoder)
     known = restored.provenance
     if restored.detector is not None:
-        return _detected(restored, trains, test_only=test_only)
+        return tool("detected_events")(restored, trains, test_only=test_only)
     sides = np.full(len(trains), synops.UNKNOWN) if known is None else known.sides(trains)
     trials = _tested(trains, known) if test_only else np.arange(len(trains))
     warn_of_onsets(trains.select(trials), restored.task.window)
@@ -81,20 +80,6 @@ def infer(
         table.insert(place, f"{synops.OF_NUMBERS}{name}", value)
         table.insert(place, f"true_{name}", true.astype(float))
     return table
-
-
-def _detected(restored: Restored, trains: SpikeTrains, *, test_only: bool) -> pd.DataFrame:
-    """What a detector finds in recordings: parts of those that it was trained on, whole recordings of others."""
-    known, sides = restored.provenance, np.full(len(trains), synops.UNKNOWN)
-    assert known is not None
-    parts = in_parts(trains, restored.task.parts)
-    if (known.sides(parts) != synops.UNSEEN).any():
-        trains = parts
-    trials, sides = _tested(trains, known) if test_only else np.arange(len(trains)), known.sides(trains)
-    found = plugins.load_function("tools", "detected_events")
-    tables = [found(restored.network, trains, [trial], restored.detector, restored.classes) for trial in trials]
-    with_side = [table.assign(**{synops.SIDE: sides[trial]}) for trial, table in zip(trials, tables, strict=True)]
-    return pd.concat(with_side, ignore_index=True)
 
 
 def _check_encoder(restored: Restored, trains: SpikeTrains, allow_other: bool) -> None:
