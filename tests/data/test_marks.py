@@ -45,7 +45,7 @@ def test_marks_that_cannot_be_are_refused(changes, message):
 
 
 def test_marks_without_a_column_are_refused():
-    with pytest.raises(nt.InputError, match="marks need the columns .*stop_s"):
+    with pytest.raises(nt.InputError, match=r"marks need the columns .*stop_s"):
         nt.Recordings(np.ones((1, 9, 1)), 9.0, "mV", ["a"], marks={"trial": [0], "start_s": [0], "label": ["b"]})
 
 

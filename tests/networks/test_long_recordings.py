@@ -27,7 +27,7 @@ from neurotact.errors import InputError
 from neurotact.networks.definition.learned import LearnSpec
 from neurotact.networks.definition.rsnn import RSNN
 from neurotact.networks.definition.specs import RSNNSpec
-from neurotact.networks.training import tasks
+from neurotact.networks.training import events, tasks
 
 RATE_Hz = 100.0
 
@@ -80,7 +80,7 @@ def test_parts_hold_every_spike_and_every_mark_once_and_no_onset_is_lost(trains,
 
 def test_one_part_is_the_recording_itself():
     trains = trains_of([100])
-    assert in_parts(trains, 1) is trains
+    assert events.in_parts(trains, 1) is trains
 
 
 def test_few_recordings_are_split_by_time_and_the_windows_at_cuts_are_counted(caplog):
