@@ -1,9 +1,9 @@
 """SA-I, RA-I and PC afferents as fitted to recorded spikes (Saal et al. 2017, PNAS: TouchSim).
 
-A taxel is taken as a pin of 0.5 mm radius straight above its afferents: its conditioned signal times `gain` is the
-depth in mm to which the pin indents the skin. The static drive of an afferent is proportional to the depth, its dynamic
-drive to the rate of change, with the constants of the skin where the afferent ends. The equations are in
-`docs/equations.md`.
+Saal, Delhaye, Rayhaun and Bensmaia 2017, doi 10.1073/pnas.1704856114. A taxel is taken as a pin of 0.5 mm radius
+straight above its afferents: its conditioned signal times `gain` is the depth in mm to which the pin indents the skin.
+The static drive of an afferent is proportional to the depth, its dynamic drive to the rate of change, with the
+constants of the skin where the afferent ends. The equations are in `docs/equations.md`.
 """
 
 import csv

@@ -21,7 +21,7 @@ with lazily():
 def neurobench(
     run: "fitted.Fitted", out: str | Path, *, spikes: str | Path | None = None, force: bool = False, tell: Tell = untold
 ) -> "pd.DataFrame":
-    """Write NeuroBench's columns of a run on its test windows to `out` (.csv, .json, .md); returns the row.
+    """Write NeuroBench's columns of a run on its test windows to `out` (.csv, .json, .md, .tex); returns the row.
 
     run: a folder that `train` wrote. spikes: that it was trained on, where they moved since. force: replace a file.
     Columns: windows, accuracy_test and sops_total, our own, of whole windows; footprint_bytes, connection_sparsity,
@@ -46,4 +46,4 @@ def neurobench(
     return table
 
 
-EXPORTER = Exporter("NeuroBench's columns of the test windows: a table (.csv, .json, .md)", neurobench)
+EXPORTER = Exporter("NeuroBench's columns of the test windows: a table (.csv, .json, .md, .tex)", neurobench)

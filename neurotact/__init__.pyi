@@ -44,6 +44,7 @@ from .api.tools import Flow as Flow
 from .api.tools import Samples as Samples
 from .api.tools import Stream as Stream
 from .api.tools import Streamed as Streamed
+from .api.tools import bundle_study as bundle_study
 from .api.tools import check_chip as check_chip
 from .api.tools import conditions_curve as conditions_curve
 from .api.tools import fine_tune as fine_tune

@@ -1,7 +1,7 @@
-"""Tables on disk: .csv and .json to be computed with, .md for people.
+"""Tables on disk: .csv and .json to be computed with, .md for people, .tex for papers.
 
 A class may have any name. In a .csv, a text that a spreadsheet would run as a formula gets the prefix `'`, which
-`read_table` removes again; in a .md, markup is escaped.
+`read_table` removes again; in a .md and a .tex, markup is escaped.
 """
 
 from __future__ import annotations
@@ -20,20 +20,28 @@ with lazily():
     import pandas as pd
 
 
-SUFFIXES = (".csv", ".json", ".md")
+SUFFIXES = (".csv", ".json", ".md", ".tex")
 NETWORK = ["setting", "pair", "hidden"]
 FORMULA = re.compile(r"'*[=+\-@\t\r\n].", re.DOTALL)
 """A text that a spreadsheet runs as a formula, or that starts with ' already."""
 NUMBER = re.compile(r"[+-](\d+\.?\d*|\.\d+)([eE][+-]?\d+)?")
 MARKUP = re.compile(r"[\\|*`<~]|(?<![^\W_])_|_(?![^\W_])|(?<=\])\(|&(?=#?\w+;)")
 """Characters that Markdown reads as markup; an underscore within a word is not."""
+LATEX = {
+    **{sign: f"\\{sign}" for sign in "&%$#_{}"}, "\\": r"\textbackslash{}", "~": r"\textasciitilde{}",
+    "^": r"\textasciicircum{}", "<": r"\textless{}", ">": r"\textgreater{}", "|": r"\textbar{}",
+    '"': r"{\char34}", "[": "{[}", "]": "{]}",
+}  # fmt: skip
+"""What stands in LaTeX for its markup; after the end of a row, a bracket would be one of its options."""
+ONE_PAGE = 40
+"""Rows of a LaTeX table that stays on one page."""
 
 
 def write_table(table: pd.DataFrame, path: str | Path, about: str = "") -> None:
     """Write a table in the format of its suffix, whole or not at all; a missing number is empty, or null in JSON.
 
-    about: Markdown above the table in a .md file.
-    Raises InputError for a suffix that is not .csv, .json or .md.
+    about: Markdown above the table in a .md file; its first paragraph is the caption in a .tex file.
+    Raises InputError for a suffix that is not .csv, .json, .md or .tex.
     """
     suffix = Path(path).suffix.lower()
     if suffix not in SUFFIXES:
@@ -42,7 +50,10 @@ def write_table(table: pd.DataFrame, path: str | Path, about: str = "") -> None:
         if suffix == ".csv":
             _with_text(table, _guarded).to_csv(draft, index=False, lineterminator="\n")
             return
-        text = to_json(table) if suffix == ".json" else "\n\n".join(filter(None, (about.strip(), to_markdown(table))))
+        if suffix == ".md":
+            text = "\n\n".join(filter(None, (about.strip(), to_markdown(table))))
+        else:
+            text = to_json(table) if suffix == ".json" else to_latex(table, _first_paragraph(about))
         draft.write_bytes(f"{text}\n".encode())
 
 
@@ -172,12 +183,66 @@ def to_markdown(table: pd.DataFrame) -> str:
     |:--|--:|--:|
     | a\\|b | 1234.57 | - |
     """
-    columns = [str(column) for column in table.columns]
-    sides = ["--:" if pd.api.types.is_numeric_dtype(kind) else ":--" for kind in table.dtypes]
-    rows = [[_text(value) for value in row] for row in table.itertuples(index=False)]
-    lines = [columns, *rows]
-    head, *body = ("| " + " | ".join(map(escaped, line)) + " |" for line in lines)
+    sides = ["--:" if is_number else ":--" for is_number in _are_numbers(table)]
+    head, *body = ("| " + " | ".join(map(escaped, line)) + " |" for line in _lines(table))
     return "\n".join([head, f"|{'|'.join(sides)}|", *body])
+
+
+def _are_numbers(table: pd.DataFrame) -> list[bool]:
+    return [pd.api.types.is_numeric_dtype(kind) for kind in table.dtypes]
+
+
+def _lines(table: pd.DataFrame) -> list[list[str]]:
+    """The names of the columns, then the rows."""
+    return [list(map(str, table.columns)), *([_text(value) for value in row] for row in table.itertuples(index=False))]
+
+
+def to_latex(table: pd.DataFrame, caption: str = "") -> str:
+    """A LaTeX table with the rules of booktabs, as `to_markdown` otherwise; a long one may break over pages.
+
+    >>> print(to_latex(pd.DataFrame({"label": ["a_b"], "gain": [-1.5e-7]}), "Gains & more"))
+    \\begin{table}
+    \\centering
+    \\caption{Gains \\& more}
+    \\begin{tabular}{lr}
+    \\toprule
+    label & gain \\\\
+    \\midrule
+    a\\_b & $-1.5 \\times 10^{-7}$ \\\\
+    \\bottomrule
+    \\end{tabular}
+    \\end{table}
+    """
+    head, *body = (" & ".join(map(in_latex, line)) + r" \\" for line in _lines(table))
+    sides = "".join("r" if is_number else "l" for is_number in _are_numbers(table))
+    title = rf"\caption{{{in_latex(caption)}}}" if caption else ""
+    top = [r"\toprule", head, r"\midrule"]
+    if len(body) > ONE_PAGE:
+        above = [rf"\begin{{longtable}}{{{sides}}}", f"{title} \\\\" if title else "", *top, r"\endhead"]
+        lines = [*above, *body, r"\bottomrule", r"\end{longtable}"]
+    else:
+        above = [r"\begin{table}", r"\centering", title, rf"\begin{{tabular}}{{{sides}}}"]
+        lines = [*above, *top, *body, r"\bottomrule", r"\end{tabular}", r"\end{table}"]
+    return "\n".join(filter(None, lines))
+
+
+def in_latex(text: str) -> str:
+    """One line of LaTeX that shows a text; a number as in print."""
+    number = re.fullmatch(r"(-?)([\d.]+)(?:e([+-]\d+))?", text)
+    if number and (number[1] or number[3]):
+        power = rf" \times 10^{{{int(number[3])}}}" if number[3] else ""
+        return f"${number[1]}{number[2]}{power}$"
+    return "".join(LATEX.get(letter, letter) for letter in " ".join(text.split()))
+
+
+def _first_paragraph(markdown: str) -> str:
+    """The first paragraph as plain text.
+
+    >>> _first_paragraph("# Runs of a\\\\_b\\n\\nThe rest.")
+    'Runs of a_b'
+    """
+    text = re.sub(r"\\(?=\W|_)|`", "", markdown.strip().partition("\n\n")[0].lstrip("# "))
+    return " ".join(text.split())
 
 
 def _text(value: Any) -> str:

@@ -151,7 +151,7 @@ def _trees_layers(fitted: ExtraTreesClassifier, x: np.ndarray) -> tuple[Layer, .
 
 
 EXTRA_TREES = Opponent(
-    "Forests of extremely randomised trees (Geurts et al. 2006).",
+    "Forests of extremely randomised trees (Geurts et al. 2006, doi 10.1007/s10994-006-6226-1).",
     ExtraTreesClassifier,
     lambda sides, seed: [{"n_estimators": TREES, "min_samples_leaf": leaf} for leaf in LEAVES],
     layers=_trees_layers,

@@ -168,7 +168,8 @@ def conditions_curve(
 
     column: the condition, such as "speed", with three values or more. network, settings, window, where, leave_out,
         augmentation: as of `train`. seed: of the weights, and of the trials that are drawn.
-    out: also write the table (.csv, .json, .md). figure: also draw the curve (.png, .svg, .pdf). force: replace them.
+    out: also write the table (.csv, .json, .md, .tex). figure: also draw the curve (.png, .svg, .pdf).
+    force: replace them.
     tell: called with what `neurotact conditions-curve` prints: the means, and the advice.
     Returns a row for each training: `tested`, `trained` (how many values), `accuracy_seen` (on other trials of trained
     values), `accuracy_test`, `sops_total` and `n_train`.

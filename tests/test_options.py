@@ -131,6 +131,7 @@ OF_NIR = {
 }
 MOVED = "tests/data/test_encoded_from.py"
 STUDY = "tests/studies/test_interrupted.py"
+BUNDLE = "tests/of_studies/publishing/test_bundle.py"
 SPLITS = "tests/of_studies/comparison/test_own_set.py"
 WINDOW, SPLIT = fields_of("window", nt.Window, in_python=True), fields_of("split", nt.Split, in_python=True)
 LAYOUT = fields_of("layout", nt.Layout)
@@ -395,6 +396,7 @@ WAYS = {
                 "--device": "tests/networks/test_resumable.py",
                 "--augmentation": "tests/networks/test_model_selection.py",
                 "--balance": "tests/networks/test_balancing.py",
+                "--target": "tests/networks/test_numbers.py",
             },
             is_slow=True,
         )
@@ -651,6 +653,9 @@ WAYS = {
             },
         )
     ],
+    "study bundle": [
+        Way("study bundle in/none -o b", tested=dict.fromkeys(("-o", "--width", "--without-data", "--force"), BUNDLE))
+    ],
     "study report": [Way("study report in/none", tested={"--json": "tests/test_cli.py"})],
     "import nwb": [
         Way(
@@ -891,8 +896,8 @@ NAMES = {"settings": "--set", "length_ms": "--window-ms", "folder": "-o", "path"
          "out": "-o",
     "leave_out_units": "--units",
     "source": "--from",}  # fmt: skip
-INPUTS = {"spikes", "run", "recordings", "name", "path", "what", "source", "block", "parts", "network", "folder",
-          "column", "file", "decisions", "tell", "show", "check", "kind", "options"}  # fmt: skip
+INPUTS = {"spikes", "run", "study", "recordings", "name", "path", "what", "source", "block", "parts", "network",
+          "folder", "column", "file", "decisions", "tell", "show", "check", "kind", "options"}  # fmt: skip
 """What a function works on, and whom it tells."""
 HERE, NWB, NEO = "tests/test_options.py", "tests/data/readers/test_nwb.py", "tests/data/test_neo_blocks.py"
 DECODING = "tests/encoders/test_decoding.py"

@@ -2,6 +2,7 @@
 
 import csv
 import json
+import re
 
 import numpy as np
 import pandas as pd
@@ -12,7 +13,7 @@ from hypothesis import strategies as st
 
 from neurotact.errors import InputError
 from neurotact.metrics.synops import summary, summary_markdown
-from neurotact.tables import escaped, read_table, to_markdown, write_table
+from neurotact.tables import LATEX, ONE_PAGE, escaped, read_table, to_latex, to_markdown, write_table
 
 TABLE = pd.DataFrame({"name": ["a|b", "é"], "n": [1, 2], "sops": [1 / 3, np.nan]})
 
@@ -77,6 +78,48 @@ def looks_like_a_number(name: str) -> bool:
     except ValueError:
         return False
     return True
+
+
+LATEX_NAMES = st.text(st.sampled_from('&%$#_{}\\~^<>|[]"a1 é'), min_size=1, max_size=6)
+SHOWN = {latex: letter for letter, latex in LATEX.items()}
+ESCAPE = re.compile(r"\\(?:[a-z]+\{\}|[^a-z])|\{(?:\\char34|\[|\])\}|[^&%$#_{}\\~^<>|\[\]]")
+
+
+def read_latex(cell: str) -> str:
+    """What LaTeX shows for a cell; an error for markup that is not escaped."""
+    parts = ESCAPE.findall(cell)
+    assert "".join(parts) == cell
+    return "".join(SHOWN.get(part, part) for part in parts)
+
+
+@given(st.lists(LATEX_NAMES, min_size=1, max_size=5), LATEX_NAMES)
+def test_latex_shows_every_name_and_no_markup(names, column):
+    table = pd.DataFrame({f"x{column}": [f"x{name}" for name in names], "n": range(len(names))})
+    lines = to_latex(table, f"of x{column}").splitlines()
+    assert read_latex(lines[2].removeprefix(r"\caption{").removesuffix("}")) == " ".join(f"of x{column}".split())
+    cells = [line.removesuffix(r" \\").rsplit(" & ", 1) for line in (lines[5], *lines[7 : 7 + len(names)])]
+    assert [read_latex(first) for first, _ in cells] == [
+        " ".join(name.split()) for name in (f"x{column}", *table.iloc[:, 0])
+    ]
+    assert [last for _, last in cells] == ["n", *map(str, range(len(names)))]
+
+
+@pytest.mark.parametrize("rows", [0, 1, ONE_PAGE, ONE_PAGE + 1])
+def test_a_latex_table_has_the_rules_of_booktabs_and_ends_what_it_begins(tmp_path, rows):
+    write_table(
+        pd.DataFrame({"label": ["a"] * rows, "n": [-2.5e-9] * rows}), tmp_path / "t.tex", "# Of `a`\\_b\n\nRest."
+    )
+    text = (tmp_path / "t.tex").read_text()
+    assert re.findall(r"\\begin\{(.+?)\}", text) == re.findall(r"\\end\{(.+?)\}", text)[::-1]
+    assert ("longtable" in text) == (rows > ONE_PAGE)
+    assert [text.count(rf"\{rule}rule") for rule in ("top", "mid", "bottom")] == [1, 1, 1]
+    assert text.count(r"a & $-2.5 \times 10^{-9}$ \\") == rows
+    assert r"\caption{Of a\_b}" in text
+
+
+def test_latex_shows_numbers_as_in_print():
+    lines = to_latex(pd.DataFrame({"n": [-5.0, 1e20, 0.25, np.nan]})).splitlines()
+    assert lines[6:10] == [r"$-5$ \\", r"$1 \times 10^{20}$ \\", r"0.25 \\", r"- \\"]
 
 
 def test_numbers_and_ordinary_names_are_written_as_they_are(tmp_path):

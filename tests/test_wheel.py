@@ -61,6 +61,7 @@ export run --to c -o chain
 study run tiny.toml --set network.hidden=4 --set sweep.seed=[0] --workers 2 -o study
 study resume study
 study report study
+study bundle study -o bundle
 """
 """A line for each command that needs no extra."""
 LINES_OF_EXTRAS = """

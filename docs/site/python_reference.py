@@ -46,7 +46,7 @@ SUBJECTS = {
         "Windows and splits",
         "Windows of spikes as an array `(window, time, afferent)` of 0 and 1, with classes `(window,)` and trials "
         "`(window,)`, divided so that no trial is on two sides. Lengths are in ms.",
-        "windows Window Onset Split WindowedSpikes SpikeArray",
+        "windows Window Onset Split Learn WindowedSpikes SpikeArray",
     ),
     "networks": Subject(
         "Networks",

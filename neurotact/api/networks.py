@@ -170,7 +170,7 @@ def infer(
     label, start_s, stop_s, detected_s, ended_s, delay_ms, outcome and side. `summarise` gives their means.
     early_exit: stop where the validated rule says so. test_only: the network's own test trials alone.
     where, leave_out: the trials to decide, as of `read`; they are numbered anew in the column trial.
-    device: a torch device. out: a file to write (.csv, .json, .md); one that exists is refused unless `force`.
+    device: a torch device. out: a file to write (.csv, .json, .md, .tex); one that exists is refused unless `force`.
     tell: called with a note where windows know samples after them.
     Raises InputError for spikes of another encoder, unless `allow_other_encoder`.
 
@@ -214,7 +214,7 @@ def sops(
     force: bool = False,
     tell: Tell = silent,
 ) -> "pd.DataFrame":
-    """Write the synaptic operations of each test window of a run to `out` (.csv, .json, .md); returns the rows.
+    """Write the synaptic operations of each test window of a run to `out` (.csv, .json, .md, .tex); returns the rows.
 
     spikes: that the run was trained on, where they moved since. early_exit: count with early exit. prices: name or
         path of the price list by which energy is estimated. force: replace a file.

@@ -97,6 +97,11 @@ def study_answer(folder: str | Path) -> dict[str, Any]:
     """
     path = Path(folder) / page.ANSWER
     answer = files.read_json(path) if path.is_file() else {"answers": [], "cautions": []}
+    places = {page.STUDY: str(Path(folder).absolute())}
+    for then in [one["next"] for one in answer["answers"] if one.get("next", {}).get("commands")]:
+        if page.RECORDINGS not in places and any(page.RECORDINGS in command for command in then["commands"]):
+            places |= {page.RECORDINGS: str(spec.read(Path(folder) / runner.STUDY)["dataset"].get("file"))}
+        then["commands"] = [page.moved(command, places) for command in then["commands"]]
     return answer | {"report": str(Path(folder) / page.PAGE)}
 
 

@@ -32,7 +32,8 @@ LEVELS = {"linear": 0, "readout": 0, "quick": 1, "all": 2, "named": 3}
 class Sides(NamedTuple):
     """Inputs `(example, ...)` and labels `(example,)` for training, validation and test.
 
-    Labels of numbers are `(example, target)`, standardised on the training side.
+    Labels of numbers are `(example, target)`, standardised on the training side; estimators get those of a single
+    target as `(example,)`.
     """
 
     train: np.ndarray
@@ -145,11 +146,11 @@ class Opponent:
         is_open = {key for key, value in parameters.items() if value is None and key.endswith("random_state")}
         if is_open:
             estimator.set_params(**dict.fromkeys(is_open, seed))
-        held = {"validation": (sides.validation, sides.y_validation)}
+        held = {"validation": (sides.validation, _plain(sides.y_validation))}
         takes_held = "validation" in inspect.signature(estimator.fit).parameters
         with warnings.catch_warnings():
             warnings.simplefilter("ignore", ConvergenceWarning)  # for features that carry no information
-            estimator.fit(sides.train, sides.y_train, **held if takes_held else {})
+            estimator.fit(sides.train, _plain(sides.y_train), **held if takes_held else {})
         plain = (
             f"{key} {value:g}" if isinstance(value, float) else f"{key} {value}" for key, value in settings.items()
         )
@@ -161,13 +162,23 @@ class Opponent:
         )
 
 
+def _plain(labels: np.ndarray) -> np.ndarray:
+    """Labels as scikit-learn's estimators take them: those of a single target without its axis."""
+    return labels[:, 0] if labels.ndim == 2 and labels.shape[1] == 1 else labels
+
+
 def load(name: str) -> Opponent:
-    """The opponent of this name; InputError, with the nearest one, if there is none or if it cannot be used.
+    """The opponent of classes of this name; InputError, with the nearest one, if there is none or it cannot be used.
 
     >>> load("SVM").takes
     'features'
     """
-    return plugins.load("opponents", name, Opponent)
+    found = plugins.load("opponents", name, Opponent)
+    if found.tells != "classes":
+        raise InputError(
+            f"opponents: '{name}' tells {found.tells}, and classes are asked for; name one that tells these"
+        )
+    return found
 
 
 def joined(takes: Takes, level: Opponents, tells: Tells = "classes") -> dict[str, Opponent]:
@@ -178,7 +189,7 @@ def joined(takes: Takes, level: Opponents, tells: Tells = "classes") -> dict[str
     >>> list(joined("features", "linear"))
     ['logistic regression']
     """
-    found = {name: load(name) for name in plugins.in_order("opponents")}
+    found = {name: plugins.load("opponents", name, Opponent) for name in plugins.in_order("opponents")}
     own = {name: one for name, one in found.items() if (one.takes, one.tells) == (takes, tells)}
     return {name: one for name, one in own.items() if LEVELS[one.joins] <= LEVELS[level]}
 

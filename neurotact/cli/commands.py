@@ -44,7 +44,7 @@ COMMANDS = {
     ),
     "tune": Place("networks", "tune", "Search a network's hyperparameters on validation windows."),
     "infer": Place("networks", "infer", "Classify every window with a trained network, and count its operations."),
-    "sops": Place("networks", "sops", "Write the synaptic operations of each test window (.csv, .json, .md)."),
+    "sops": Place("networks", "sops", "Write the synaptic operations of each test window (.csv, .json, .md, .tex)."),
     "save": Place(
         "networks", "save",
         "Find the network that saves the most energy at the accuracy of a run, by all ways together.",

@@ -47,6 +47,7 @@ EXAMPLES = {
     "study run": "neurotact study run own-recordings --data touches.h5 --quick -o mine/",
     "study resume": "neurotact study resume mine/",
     "study report": "neurotact study report mine/",
+    "study bundle": "neurotact study bundle mine/ -o bundle/ --width nature-column",
 }
 """An example of each command, by its name; a command of another package may have none."""
 

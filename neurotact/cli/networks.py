@@ -89,7 +89,7 @@ def _how_to_go_on(folder: Path, epochs: int) -> str:
     network=option(str, "Name or path of a network spec."),
     window="window_ms align",
     augmentation=COPIES,
-    out=option(Path | None, "Also write one row per training (.csv, .json, .md).", "-o", "--out"),
+    out=option(Path | None, "Also write one row per training (.csv, .json, .md, .tex).", "-o", "--out"),
     figure=option(Path | None, "Also draw the curve (.png, .svg, .pdf)."),
 )
 def conditions_curve(given: dict[str, Any]) -> None:
@@ -164,7 +164,7 @@ def save(given: dict[str, Any], as_json: Json = False) -> None:
 
 @calling(
     api.infer,
-    out=option(Path | None, "Also write one row per window (.csv, .json, .md).", "-o", "--out"),
+    out=option(Path | None, "Also write one row per window (.csv, .json, .md, .tex).", "-o", "--out"),
     early_exit=flag("--early-exit", "Stop each window by the rule chosen on validation windows, where it is used."),
 )
 def infer(given: dict[str, Any], as_json: Json = False) -> None:
@@ -183,7 +183,7 @@ def infer(given: dict[str, Any], as_json: Json = False) -> None:
     prices=option(str, "The price list of the estimate of energy: a name (`neurotact list`) or a path."),
 )
 def sops(given: dict[str, Any], as_json: Json = False) -> None:
-    """Write the synaptic operations of each test window (.csv, .json, .md)."""
+    """Write the synaptic operations of each test window (.csv, .json, .md, .tex)."""
     told: list[Any] = []
     _print_sides(api.sops(**given, tell=told.append), told, as_json=as_json)
 

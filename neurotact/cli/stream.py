@@ -50,7 +50,7 @@ def stream(given: dict[str, Any], as_json: Json = False) -> None:
 
 def _line(decision: Any, *, as_json: bool) -> str:
     if as_json:
-        return json.dumps({key: value for key, value in decision._asdict().items() if value is not None})
+        return json.dumps(decision._asdict())
     held = f", {decision.held} steps on repeated values" if decision.held else ""
     label = printable(decision.label)
     if not (decision.heard or decision.values):

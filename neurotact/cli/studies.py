@@ -4,15 +4,16 @@ import json
 import sys
 from collections.abc import Callable, Iterator, Mapping
 from pathlib import Path
-from typing import Annotated, Any
+from typing import Annotated, Any, Literal
 
 import typer
 
 from neurotact.api import studies as api
+from neurotact.api import tools
 from neurotact.cli.help import Command
 from neurotact.cli.lazy import new_app
 from neurotact.cli.options import Json, StudyFolder, calling, flag, option
-from neurotact.cli.output import print_table
+from neurotact.cli.output import print_table, show
 from neurotact.cli.words import as_typed, say
 from neurotact.errors import INTERRUPTED
 from neurotact.lazily import lazily
@@ -59,6 +60,25 @@ def study_report(folder: StudyFolder, as_json: Json = False) -> None:
     """Rewrite the tables, figures and report of a study."""
     api.report_study(folder)
     _print_answer(folder, as_json)
+
+
+@app.command("bundle", cls=Command)
+@calling(
+    tools.bundle_study,
+    study=StudyFolder,
+    out=option(Path, "The folder to write.", "-o", "--out"),
+    width=option(
+        Literal["ieee", "ieee-column", "nature", "nature-column"],
+        "Width of the figures: of two columns (7.16 in, 180 mm), or of one (3.5 in, 85 mm).",
+    ),
+    without_data=flag("--without-data", "Leave the recordings out; their hashes stay."),
+)
+def study_bundle(given: dict[str, Any]) -> None:
+    """Write a finished study as one folder for a paper: tables, figures, methods, references, and how to run it again.
+
+    Tables are CSV and LaTeX, figures PDF. In the folder, sh reproduce.sh runs the study again and compares the bytes.
+    """
+    tools.bundle_study(**given, tell=show)
 
 
 def _run(function: Callable[..., Any], given: dict[str, Any], as_json: bool) -> None:

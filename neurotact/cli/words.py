@@ -33,6 +33,7 @@ COMMANDS = {
     "to_nir": "export --to nir",
     "check_chip": "export",
     "save_energy": "save",
+    "bundle_study": "study bundle",
 }
 """Commands that are not called as their function; that of `read_x` is `import x`."""
 

@@ -8,10 +8,10 @@ Other rooms take:
         with_integration
     closed_form: AT_ONCE
     cost: NOT_COUNTED, encoding_cost, is_countable, no_cost
-    encoding: Encoded, encode_file, encode_recordings
+    encoding: Encoded, encode_copies, encode_file, encode_recordings
     firing: FiringWarning, complaint_at_rest, complaints, resting_table
     gain_search: CalibrationRule
-    model: AnyEncoder, DrivenSpec, EncoderSpec, name_in, names, of_name, usable
+    model: AnyEncoder, DrivenSpec, EncoderSpec, SENSITIVITY, name_in, names, of_name, usable
     sensitivity: sensitivities_of, value_of
     specs: afferent_names, conditioning_of, default_of, encode, encode_whole, exact_note, finish, is_exact,
         known_taxels, load, n_afferents, of_used, pays_exact, period_keys, populations, resolve, set_keys,

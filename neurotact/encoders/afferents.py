@@ -7,6 +7,7 @@ vibration with one spike a cycle; and SA-I driven by the signal's rise, too, whi
 (`docs/afferent-validation.md`).
 """
 
+import math
 from collections.abc import Mapping, Sequence
 from typing import Annotated, Any, Literal, NamedTuple, Self
 
@@ -17,7 +18,7 @@ from neurotact.backend import Backend, use_native
 from neurotact.encoders import native
 from neurotact.encoders.model import DrivenSpec, Model, RefractoryMs, checked
 from neurotact.errors import InputError
-from neurotact.metrics.flops import Cost, changed, with_weights
+from neurotact.metrics.flops import Cost, changed, index_bytes, with_weights
 from neurotact.neurons import LIF, LIFState, decay_per_step, lif_start, lif_step, refractory_steps
 from neurotact.spec import Spec
 
@@ -470,25 +471,32 @@ def _start(
     return EncoderState(sa1, ra1, None)
 
 
-def cost(spec: Mapping[str, Any], taxels: int, steps: int, _step_ms: float) -> Cost:
+def cost(spec: Mapping[str, Any], taxels: int, steps: int, step_ms: float) -> Cost:
     """The cost of LIF afferents, given as a table, over that many steps.
 
     Per afferent and step: gain times drive and the membrane's decay (two MACs) and the comparison with the threshold;
     RA-I takes a difference and its absolute value beside, once a taxel. Refractory steps are counted as the others.
     Where the signal's rise drives SA-I, too: the larger of the change and zero, and a MAC to add it, once a taxel.
     Of taxels without an RA-I (or such an SA-I) there is no difference, and the sample before is not kept.
+    Numbers have 32 bits, as in exported integer C, but for refractory counters on a clock if a byte counts their steps.
     """
     kinds = [spec.get(part) or {} for part in POPULATIONS]
     sa1, ra1 = ({*under(kind, taxels)} for kind in kinds)
     rising = sa1 if kinds[0].get("rate_ms") else set()
-    gains = sum(len(marks(kind)) for kind, its in zip(kinds, (sa1, ra1), strict=True) if its)
-    n = sum(len(marks(kind)) * len(its) for kind, its in zip(kinds, (sa1, ra1), strict=True))
-    state = 2 * n + len(ra1 | rising)  # membranes, refractory counters, the sample before
+    used = [(kind, its) for kind, its in zip(kinds, (sa1, ra1), strict=True) if its]
+    gains = sum(len(marks(kind)) for kind, _ in used)
+    n = sum(len(marks(kind)) * len(its) for kind, its in used)
+    state = n + len(ra1 | rising)  # membranes, the sample before
     step = Cost(
         macs=2 * n + len(rising), acs=len(ra1 | rising), comparisons=n + len(ra1) + len(rising), weights_accesses=n,
         **changed(state),
     )  # fmt: skip
-    return with_weights(gains, state) + step.times(steps)
+    counters = with_weights(0, n, **changed(n, steps))
+    longest_ms = max(kind.get("t_ref_ms", 1.0) for kind, _ in used)
+    most = math.ceil(longest_ms / step_ms * (1 - 1e-9)) + 1 if step_ms else 1
+    if spec.get("integration") == "exact" or index_bytes(most) > 1:
+        counters = counters.in_32_bits()
+    return (with_weights(gains, state) + step.times(steps)).in_32_bits() + counters
 
 
 MODEL = Model("LIF afferents", AfferentSpec, encode, EncoderState, cost=cost)

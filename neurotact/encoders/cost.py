@@ -74,6 +74,9 @@ def encoding_cost(
     place of a step. A recording at the rate of the clock is not resampled. A baseline `start` counts as in a window
     that begins with its trial.
 
+    All of it is on numbers of 32 bits, as exported integer C computes, but for what a model's cost says is narrower
+    (`Cost.in_32_bits`).
+
     NaN, a `NotCounted`, for a model that declares no cost. Raises InputError where the signal is resampled and the rate
     of the recording is not known.
 
@@ -108,7 +111,9 @@ def encoding_cost(
     layers = _conditioning(_conditioning_of(encoder), n_used, samples, steps, step_ms)
     own = of_name(name_in(encoder)).cost
     afferents = NotCounted() if own is None else own(encoder, n_taxels, _whole(steps), step_ms)
-    return cost(*layers, signal_ms=signal_ms) + afferents + timed
+    if not afferents.wide_states_accesses:
+        afferents = afferents.in_32_bits()
+    return (cost(*layers, signal_ms=signal_ms) + timed).in_32_bits() + afferents
 
 
 def _conditioning_of(encoder: Mapping[str, Any]) -> Mapping[str, Any]:

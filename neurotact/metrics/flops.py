@@ -28,7 +28,7 @@ from typing import Literal
 
 from neurotact.errors import InputError
 from neurotact.lazily import lazily
-from neurotact.metrics.prices import ACCESSES, ARITHMETIC_45NM, NEURONS, PRICED, PriceList
+from neurotact.metrics.prices import ACCESSES, ARITHMETIC_45NM, OF_WIDTH, PRICED, WIDE, PriceList
 
 with lazily():
     import pandas as pd
@@ -67,6 +67,7 @@ class Cost:
     weights_accesses, states_accesses, buffers_accesses: numbers that are read or written, by memory (see the module).
         Absent, where there are operations: NaN, not counted.
     states_bytes: of `bytes`, those of the state. buffers_bytes: memory for features and spikes on their way.
+    wide_macs and so on: of these, those on numbers of 32 bits where all else has 8 (`in_32_bits`).
     signal_ms: signal that must have come in before the decision.
 
     Costs add up along a chain; the signal is the same for all its parts, so of `signal_ms` the longest stands.
@@ -96,6 +97,16 @@ class Cost:
     buffers_accesses: float | None = None
     states_bytes: float = 0
     buffers_bytes: float = 0
+    wide_macs: float = 0
+    wide_acs: float = 0
+    wide_multiplications: float = 0
+    wide_comparisons: float = 0
+    wide_divisions: float = 0
+    wide_exponentials: float = 0
+    wide_weights_accesses: float = 0
+    wide_states_accesses: float = 0
+    wide_weights_bytes: float = 0
+    wide_states_bytes: float = 0
 
     def __post_init__(self) -> None:
         absent = [name for name in ACCESSES if getattr(self, name) is None]
@@ -123,7 +134,17 @@ class Cost:
         >>> thrice.macs, thrice.acs, thrice.sops, thrice.parameters
         (6, 3, 3, 5)
         """
-        return replace(self, **{name: n * getattr(self, name) for name in (*FLOPS, "sops", *NEURONS, *ACCESSES)})
+        return replace(self, **{name: n * getattr(self, name) for name in PRICED if not name.endswith("_bytes")})
+
+    def in_32_bits(self) -> Cost:
+        """The same on numbers of 32 bits, also by a list of narrower integers (`PriceList.wide`).
+
+        >>> wide = Cost(macs=10, states_accesses=2).in_32_bits()
+        >>> wide.macs, wide.wide_macs, wide.wide_states_accesses
+        (10, 10, 2)
+        """
+        counted = {name: getattr(self, name) for name in OF_WIDTH}
+        return replace(self, **{f"{WIDE}{name}": 0 if math.isnan(n) else n for name, n in counted.items()})
 
     @property
     def flops(self) -> float:

@@ -10,7 +10,7 @@ import math
 from collections.abc import Mapping
 from functools import cache
 from pathlib import Path
-from typing import Annotated, Any, ClassVar
+from typing import Annotated, Any, ClassVar, Self
 
 import numpy as np
 from pydantic import BeforeValidator, Field, field_validator, model_validator
@@ -35,20 +35,18 @@ NEURONS = ("neuron_updates", "neuron_macs", "neuron_comparisons", "readout_updat
 MEMORIES = ("weights", "states", "buffers")
 """The memories of a chain: what training fixes; what lasts from sample to sample; spikes and features on their way."""
 ACCESSES = tuple(f"{memory}_accesses" for memory in MEMORIES)
-PRICED = (*OPERATIONS, "sops", *NEURONS, *ACCESSES, *(f"{memory}_bytes" for memory in MEMORIES))
+OF_WIDTH = (*OPERATIONS, "weights_accesses", "states_accesses", "weights_bytes", "states_bytes")
+"""Of these a `Cost` also has, after `WIDE`, how many are on 32-bit numbers where a chain computes in integers."""
+WIDE = "wide_"
+PRICED = (
+    *OPERATIONS, "sops", *NEURONS, *ACCESSES, *(f"{memory}_bytes" for memory in MEMORIES),
+    *(f"{WIDE}{name}" for name in OF_WIDTH),
+)  # fmt: skip
 """What a price list can have a price of: names of a `flops.Cost`."""
 
 
-class PriceList(Spec):
-    """The energy of an operation of each kind and of an access to memory, in picojoules (`prices/*.toml`).
-
-    >>> mine = PriceList(source="my data sheet", multiplication_pJ=1.0, addition_pJ=0.25)
-    >>> mine.energy_nJ({"macs": 1000, "acs": 4000}), mine.by_kind["divisions"]
-    (2.25, 2.5)
-
-    With a price of memory, what is read and written costs, and is NaN where it is not counted; a price of a neuron's
-    update or of a synaptic operation stands for all that they take.
-    """
+class OneWidth(Spec):
+    """The energy of operations and accesses on numbers of one width; see `PriceList`."""
 
     folder: ClassVar[str] = "prices"
 
@@ -100,7 +98,7 @@ class PriceList(Spec):
         return {**other, **{key: value for key, value in table.items() if key != "like"}}
 
     @model_validator(mode="after")
-    def _operations_have_a_price(self) -> PriceList:
+    def _operations_have_a_price(self) -> Self:
         if self.sent_operation_pJ is not None and self.synaptic_operation_pJ is None:
             raise InputError("sent_operation_pJ: needs a price of the others, synaptic_operation_pJ; add it")
         return self
@@ -126,13 +124,8 @@ class PriceList(Spec):
             "exponentials": _or(self.exponential_pJ, EXPONENTIAL_MACS * mac),
         }
 
-    def energy_nJ(self, counted: Mapping[str, Any] | pd.DataFrame) -> Any:  # noqa: N802
-        """The energy of numbers of operations and accesses, in nJ; of a table with a column for each, that of each row.
-
-        counted: names of `PRICED`. A kind of operation that is not there costs nothing; NaN where accesses that
-        have a price are not there.
-        """
-        own = {name: counted[name] for name in counted if name in PRICED}
+    def energy_pJ(self, own: Mapping[str, Any]) -> Any:  # noqa: N802
+        """Of operations and accesses of one width."""
         total, on_chip = 0.0, self._on_chip(own)
         for kind, price in self.by_kind.items():
             total = total + price * (own.get(kind, 0) - on_chip.get(kind, 0))
@@ -146,7 +139,7 @@ class PriceList(Spec):
         for memory in MEMORIES if self.memory_pJ else ():
             accesses, size = own.get(f"{memory}_accesses", math.nan), own.get(f"{memory}_bytes", 0)
             total = total + accesses * self.access_pJ(size)
-        return 1e-3 * total
+        return total
 
     def access_pJ(self, size: Any) -> Any:  # noqa: N802
         """The price of an access to a number in a memory; size: bytes if numbers have 32 bits.
@@ -167,6 +160,43 @@ class PriceList(Spec):
         found = {} if self.neuron_update_pJ is None else {k: own.get(name, 0) for k, name in of_updates.items()}
         return found if self.synaptic_operation_pJ is None else {**found, "acs": own.get("sops", 0)}
 
+
+class PriceList(OneWidth):
+    """The energy of an operation of each kind and of an access to memory, in picojoules (`prices/*.toml`).
+
+    >>> mine = PriceList(source="my data sheet", multiplication_pJ=1.0, addition_pJ=0.25)
+    >>> mine.energy_nJ({"macs": 1000, "acs": 4000}), mine.by_kind["divisions"]
+    (2.25, 2.5)
+
+    With a price of memory, what is read and written costs, and is NaN where it is not counted; a price of a neuron's
+    update or of a synaptic operation stands for all that they take.
+    """
+
+    wide: OneWidth | None = None
+    """Of a list of narrower integers: prices on 32-bit numbers, in which exported C encodes; absent: as all others."""
+
+    @model_validator(mode="after")
+    def _memory_has_both_prices(self) -> Self:
+        if self.wide is not None and bool(self.wide.memory_pJ) != bool(self.memory_pJ):
+            raise InputError("wide.memory_pJ: must be there where memory_pJ is, and only there")
+        return self
+
+    def energy_nJ(self, counted: Mapping[str, Any] | pd.DataFrame) -> Any:  # noqa: N802
+        """The energy of numbers of operations and accesses, in nJ; of a table with a column for each, that of each row.
+
+        counted: names of `PRICED`. A kind of operation that is not there costs nothing; NaN where accesses that
+        have a price are not there, and by a list with prices `wide` where the width of operations is not there.
+        """
+        own = {name: counted[name] for name in counted if name in PRICED}
+        if self.wide is None:
+            return 1e-3 * self.energy_pJ(own)
+        wide = {name: own.get(f"{WIDE}{name}", math.nan) for name in OF_WIDTH}
+        rest = own | {name: own.get(name, 0) - wide[name] for name in OF_WIDTH}
+        for size in ("weights_bytes", "states_bytes"):  # both lie in one memory
+            rest[size] = rest[size] + wide[size] * self.wide.bits / self.bits
+            wide[size] = rest[size] * self.bits / self.wide.bits
+        return 1e-3 * (self.energy_pJ(rest) + self.wide.energy_pJ({**wide, "buffers_accesses": 0}))
+
     def repriced(self, table: pd.DataFrame) -> pd.DataFrame:
         """A table of costs that the default list priced, with the energy by this one."""
         return table if self == ARITHMETIC_45NM else table.assign(energy_estimate_nJ=self.energy_nJ(table))
@@ -179,7 +209,14 @@ class PriceList(Spec):
             f"{pJ['macs']:g} pJ per MAC, {pJ['acs']:g} pJ per addition{self._comparison()}, "
             f"{pJ['multiplications']:g} pJ per other multiplication, {pJ['divisions']:g} pJ per division, "
             f"{pJ['exponentials']:g} pJ per exponential{self.operations and ', '}{self.operations} ({self.source})."
+            f"{self._encoding()}"
         )
+
+    def _encoding(self) -> str:
+        if self.wide is None:
+            return ""
+        pJ, bits = self.wide.by_kind, self.wide.bits
+        return f" Encoding computes in {bits} bits: {pJ['macs']:g} pJ per MAC, {pJ['acs']:g} pJ per addition."
 
     def _memory(self) -> str:
         if not self.memory_pJ:

@@ -26,7 +26,8 @@ Other rooms take:
     training.epochs: Epoch, Examples, Training, best_in, best_of, evaluate, train
     training.events: DetectorSpec, in_parts, names_of
     training.losses: absolute_error, cross_entropy, hinge, squared_error
-    training.model_selection: SEEN, Tried, again, are_unranked, best_of, candidates, right_seen, trainings
+    training.model_selection: RuledOut, SEEN, Tried, again, are_unranked, best_of, candidates, right_seen, rule_out,
+        trainings
     training.numbers: interval, of_trials
     training.outcome: outcome_of, summary_of
     training.ranges: OF_EVENTS, Ranges, evenly, record, record_states

@@ -6,13 +6,13 @@ Other rooms take:
     encoding_drawings: name_classes
     first_screen: mark, table_of_configurations, with_interval, within
     front: Front, baselines_of
-    networks: Steps, write
-    page: ANSWER, PAGE, Table, if_there, write
+    networks: DOWNLOADS, Steps, means_table, write
+    page: ANSWER, PAGE, PRINTED, RECORDINGS, STUDY, Table, if_there, moved, write
     periods: NONE, head, in_ms, of_rows
     report: write
-    tables: first_spikes, with_pair
+    tables: first_spikes, with_pair, with_setting
     under_prices: times, turning
     way_answer: Configuration, WayAnswer, answers
-    ways: over_rows, seen
+    ways: DOWNLOADS, over_rows, seen
     wording: count, energy, percent
 """

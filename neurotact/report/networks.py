@@ -16,7 +16,7 @@ from neurotact.figures.encoding import Classes
 from neurotact.figures.style import Drawn
 from neurotact.files import write_json
 from neurotact.metrics import referee
-from neurotact.metrics.prices import NEURONS
+from neurotact.metrics.prices import NEURONS, WIDE
 from neurotact.networks.use import ledger
 from neurotact.networks.use.ledger import Afferents
 from neurotact.progress import say
@@ -129,7 +129,8 @@ def write(
     cautions = front.beware(study, folder, done, fronts, trains)
     among = plugins.load_function("tools", "among_encoders")(study, fronts, results.join(spent), beside)
     shared = {"among": among.words, "tables": [among.table._asdict()]} if among and among.table else {}
-    write_json(folder / ANSWER, _answers_as_json(fronts, cautions) | shared)
+    places = {file: page.RECORDINGS for file in [study.dataset.file] if file} | {str(folder.absolute()): page.STUDY}
+    write_json(folder / ANSWER, _answers_as_json(fronts, cautions, places) | shared)
     shown = fronts[_first_shown(fronts)]
     of_best = shown.cells[shown.answer.rows.index(shown.answer.best)]
     best = of_best if course.best_row is None else course.best_row
@@ -249,12 +250,16 @@ def _page_data(
     return {**details.page_data(results, spent, all_details, classes), "fronts": drawn, "stepMs": step_ms}
 
 
-def _answers_as_json(fronts: Sequence[Front], cautions: Sequence[str]) -> dict[str, Any]:
-    """The first screen for programs: for each data set the answer in words and numbers, and the warnings."""
+def _answers_as_json(fronts: Sequence[Front], cautions: Sequence[str], places: Mapping[str, str]) -> dict[str, Any]:
+    """The first screen for programs: for each data set the answer in words and numbers, and the warnings.
+
+    places: names that stand for paths in commands, so that these bytes do not depend on the place of the study.
+    """
     return {
         "answers": [
             {
                 **one.in_words(),
+                "next": {"words": one.next[0], "commands": [page.moved(command, places) for command in one.next[1]]},
                 "interval": list(one.answer.interval),
                 "test_trials": one.answer.trials.test,
                 **front.as_json(one),
@@ -375,7 +380,8 @@ def _ledger(
 def _ledger_table(costs: pd.DataFrame | None) -> Table | None:
     if costs is None:
         return None
-    shown = costs.drop(columns=["prices", *NEURONS, *(name for name in costs if str(name).endswith("s_bytes"))])
+    parts = [name for name in costs if str(name).endswith("s_bytes") or str(name).startswith(WIDE)]
+    shown = costs.drop(columns=["prices", *NEURONS, *parts])
     rows = [[row[0], *(count(value, 6) for value in row[1:])] for row in shown.itertuples(index=False, name=None)]
     return Table(
         "Operations and energy of each decision",

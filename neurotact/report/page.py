@@ -5,7 +5,8 @@ import json
 import re
 import shlex
 from base64 import b64encode
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
+from contextvars import ContextVar
 from functools import lru_cache
 from gzip import compress
 from hashlib import sha256
@@ -27,6 +28,10 @@ from neurotact.studies.study import to_toml
 
 ANSWER, PAGE = "answer.json", "report.html"
 """The first screen of a report for programs, where its study has an answer in words."""
+STUDY, RECORDINGS = "STUDY", "RECORDINGS"
+"""Stand in the commands of answer.json for the folder and the recordings of the study, wherever they are."""
+PRINTED: ContextVar[Callable[[Drawn], object]] = ContextVar("printed", default=lambda drawn: None)
+"""Called with each figure of a report when it is saved, and may change it then: who prints them for a paper."""
 NETWORKS = ("marks.js", "plotly.js", "state.js", "cell.js", "trade_off.js", "compare.js", "table.js", "main.js")
 PROTOCOL = ("marks.js", "plotly.js", "state.js", "table.js", "protocol.js")
 
@@ -196,6 +201,19 @@ def _as_typed(settings: str, option: str) -> str | None:
     return f"`{' '.join(f'{option} {shlex.quote(text_of)}' for text_of in assignments_of(given))}`"
 
 
+def moved(command: str, places: Mapping[str, str]) -> str:
+    """A command whose paths begin elsewhere. places: the new beginning of a path, by the one that it has.
+
+    >>> moved("neurotact study run STUDY/study.toml -o STUDY-more", {STUDY: "/my runs/mine"})
+    "neurotact study run '/my runs/mine/study.toml' -o '/my runs/mine-more'"
+    """
+    words = shlex.split(command)
+    for old, new in places.items():
+        begins = re.compile(rf"{re.escape(old)}(?=[/\\-]|$)")
+        words = [begins.sub(lambda _, new=new: new, word, count=1) if begins.match(word) else word for word in words]
+    return shlex.join(words)
+
+
 def plain(value: Any) -> str | float:
     """The sort key of a table cell; empty for a missing number."""
     if isinstance(value, str):
@@ -222,6 +240,7 @@ def _keep(drawn: Drawn, folder: Path) -> dict[str, Any]:
     svg = (folder / "figures" / f"{drawn.name}.svg").read_bytes()
     width = round(96 * drawn.figure.get_figwidth())
     source = f"data:image/svg+xml;base64,{b64encode(svg).decode()}"
+    PRINTED.get()(drawn)
     return {"source": source, "width": width, **{k: getattr(drawn, k) for k in ("name", "title", "caption", "alt")}}
 
 

@@ -17,13 +17,13 @@ from neurotact.data.spikes import from_rasters
 from neurotact.errors import InputError
 from neurotact.files import read_json
 from neurotact.networks.definition.rsnn import RSNN
-from neurotact.networks.definition.specs import RSNNSpec
+from neurotact.networks.definition.specs import RSNNSpec, TrainingSpec
 from neurotact.networks.training import comparison, ensemble, epochs, linear, losses, numbers, tasks, trainer
 from neurotact.networks.training.comparison import Trials
 from neurotact.networks.training.tasks import Task
 
 TRIALS, STEPS = 60, 60
-WINDOW = {"length_ms": STEPS}
+WINDOW = nt.Window(length_ms=STEPS)
 CONDITIONS = pd.DataFrame(
     {
         "label": np.resize(["felt", "silk", "wool"], TRIALS),
@@ -43,7 +43,7 @@ def touches(conditions: pd.DataFrame = CONDITIONS):
 
 SPEC = RSNNSpec(
     model="snn", hidden=5, readout="integrator", input_deviation=1.0,
-    training={"epochs": 3, "batch": 16, "relative_learning_rate": 0.05},
+    training=TrainingSpec(epochs=3, batch=16, relative_learning_rate=0.05),
 )  # fmt: skip
 NONE = RSNNSpec(model="snn", hidden=0, readout="integrator", readout_stretches=2, readout_stretch_ms=30)
 
@@ -132,8 +132,11 @@ def test_losses_of_numbers_are_means_over_targets_and_weighted_windows():
 
 def test_every_side_has_its_share_of_similar_numbers():
     split = tasks.trials_of(touches(), Task(window=WINDOW, target=("force_N",)))
+    fifths = numbers.groups_of(CONDITIONS, ["force_N"])
     for side in split:
-        assert CONDITIONS.force_N[side].mean() == pytest.approx(5.0, abs=0.6)
+        n = np.bincount(fifths[side], minlength=5)
+        assert n.max() - n.min() <= 1
+    assert len({*numbers.groups_of(CONDITIONS, ["speed"])}) == 2  # equal numbers are not told apart
     one_class = touches(CONDITIONS.assign(label="touch"))  # which no network of classes would learn
     assert tasks.trials_of(one_class, Task(window=WINDOW, target=("force_N",))).test.tolist() == split.test.tolist()
 
@@ -201,6 +204,10 @@ def test_rivals_tell_the_same_numbers_and_a_better_one_is_found():
     assert worse.accuracy == pytest.approx(worse.commonest)
     assert worse.low < worse.accuracy < worse.high
     assert comparison.compare([1.0] * len(n[2]), sides, trials, 2).verdict == "better"
+    alone = tasks.sides_of(trains, Task(window=WINDOW, target=("force_N",)))
+    assert all(one.accuracy_test > 0.2 for one in comparison.opponents_of(alone, trials))
+    with pytest.raises(InputError, match="'ridge regression' tells numbers, and classes are asked for"):
+        opponent.load("ridge regression")
     assert {one.tells for one in opponent.joined("features", "all").values()} == {"classes"}
 
 
@@ -244,6 +251,14 @@ def test_decisions_have_both_numbers_and_their_summary_has_the_error(run):
     assert "accuracy" not in means
 
 
+def test_early_exit_is_not_offered_and_said_so(run, capsys):
+    folder, row, _ = run
+    assert row["exit_patience"] is None
+    tables = [nt.infer(folder / "run", folder / "spikes.h5", early_exit=early) for early in (False, True)]
+    pd.testing.assert_frame_equal(*tables)
+    assert "early exit is not used, whole windows decide: a network that tells numbers" in capsys.readouterr().err
+
+
 def test_touches_without_the_number_are_told_one(run):
     folder, _, _ = run
     unknown = touches(CONDITIONS.drop(columns="force_N").assign(label="new"))
@@ -275,5 +290,5 @@ def test_a_network_of_classes_says_nothing_of_a_target():
 
 
 def test_measurements_as_classes_are_told_how_to_ask_for_numbers():
-    with pytest.raises(InputError, match="name no classes.*give them as a condition and train with `target`"):
+    with pytest.raises(InputError, match=r"name no classes.*give them as a condition and train with `target`"):
         nt.Recordings(np.zeros((2, 9, 1)), 100.0, "mV", [0.5, 1.25])

@@ -2,6 +2,7 @@
 
 import json
 import re
+import shlex
 import shutil
 from base64 import b64decode
 from html.parser import HTMLParser
@@ -13,10 +14,13 @@ import pandas as pd
 import pytest
 import torch
 from browser import browser
+from hypothesis import given
+from hypothesis import strategies as st
 from in_process import without_pictures
 from levels import thinned
 from made_run import GRATINGS, SUBSETS, grating_conditions, make_run, row_of
 
+import neurotact as nt
 from neurotact.data.hdf5 import load_spikes
 from neurotact.errors import InputError
 from neurotact.files import read_json
@@ -25,7 +29,7 @@ from neurotact.networks.definition.specs import TrainingSpec
 from neurotact.networks.exit.patience import upper_bound
 from neurotact.networks.training import run_folder, tasks
 from neurotact.networks.training.epochs import Epoch
-from neurotact.report import front, networks, tables
+from neurotact.report import front, networks, page, tables
 from neurotact.report.answer import Network
 from neurotact.report.details import SOPS_COLUMNS
 from neurotact.report.encoding_drawings import name_classes
@@ -190,6 +194,25 @@ def test_each_claim_is_told_with_its_verdict(written):
     assert "✗ no: Chance & noise." in text
     assert "no: Untold." not in text
     assert text.count("✗ no") == 2
+
+
+def test_an_answer_has_the_same_bytes_in_any_place_and_commands_of_its_own(written, text_alone, tmp_path):
+    folder = tmp_path / "my runs" / "copy"
+    shutil.copytree(written.parent, folder)
+    networks.write(make_study(baselines="linear", as_shipped=True), folder)
+    assert (folder / "answer.json").read_bytes() == (written.parent / "answer.json").read_bytes()
+    commands = [command for one in nt.study_answer(folder)["answers"] for command in one["next"]["commands"]]
+    assert commands
+    assert all(str(folder) in word for command in commands for word in shlex.split(command) if "/" in word)
+
+
+@given(st.text("ab c'-&$", min_size=1, max_size=5), st.text("ab c'", min_size=1, max_size=5))
+def test_commands_move_with_their_study_and_its_recordings(name, file):
+    run, recordings = f"/runs/{name}", f"/data/{file}.h5"
+    command = shlex.join(["neurotact", "save", f"{run}/cells/1", "--recordings", recordings, "-o", f"{run}-saved"])
+    kept = page.moved(command, {recordings: page.RECORDINGS, run: page.STUDY})
+    assert kept == "neurotact save STUDY/cells/1 --recordings RECORDINGS -o STUDY-saved"
+    assert page.moved(kept, {page.STUDY: run, page.RECORDINGS: recordings}) == command
 
 
 @pytest.mark.thorough
@@ -523,9 +546,9 @@ def test_a_browser_that_cannot_unpack_the_library_still_shows_networks(chromium,
 
 
 def test_the_first_screen_answers(written):
-    page = Page(written)
-    text = " ".join(page.text.split())
-    answer = read_json(written.parent / "answer.json")
+    html = Page(written)
+    text = " ".join(html.text.split())
+    answer = nt.study_answer(written.parent)
     assert [one["dataset"] for one in answer["answers"]] == ["v1 mix", "mixed"]
     for one in answer["answers"]:
         assert f"{one['dataset']}: {one['short']}." in text.replace("\xa0", " ")
@@ -543,7 +566,7 @@ def test_the_first_screen_answers(written):
         assert one["period"].replace("\xa0", " ") in text.replace("\xa0", " ")
         assert one["next"]["words"] in text
         assert all(command in text for command in one["next"]["commands"])
-    assert page.text.index("Explore the networks") > page.text.index(answer["answers"][0]["short"][:20])
+    assert html.text.index("Explore the networks") > html.text.index(answer["answers"][0]["short"][:20])
 
 
 @pytest.mark.thorough

@@ -57,6 +57,8 @@ def worse_than_baseline(
         can_join = spec.readout == "integrator" and not spec.learn and 0 < BEST_MEMBERS * spec.hidden <= MOST_HIDDEN
         joins = command == "train" and members == 1 and spec.input_deviation is not None and can_join
         last = {"train": "`nt.tune`", "tune": "more trials (`trials`)", "fine-tune": "`nt.tune`"}[command]
+        if told is not percent:  # which no search takes
+            last = "a longer window (`length_ms`)"
         remedies = [
             *(["`network='default'`"] if is_rsnn and spec.input_deviation is None else []),
             *([f"more hidden neurons (`settings={{'hidden': {larger}}}`)"] if is_larger_possible else []),

@@ -68,7 +68,7 @@ class Trials(NamedTuple):
 
 
 def compare(
-    right: Sequence[bool], sides: Sides, trials: Trials, n_classes: int, last: Sides | None = None
+    right: Sequence[float], sides: Sides, trials: Trials, n_classes: int, last: Sides | None = None
 ) -> Comparison:
     """Measure chance and classifiers on the windows of a network; right: whether it has each test window right.
 

@@ -15,7 +15,7 @@ from neurotact.data import hdf5
 from neurotact.data.augmentation import NONE
 from neurotact.data.copies import copies_of
 from neurotact.data.recordings import LABEL, select_conditions
-from neurotact.data.spikes import SpikeTrains
+from neurotact.data.spikes import SpikeTrains, empty_raster
 from neurotact.data.splits import Split, Splits, SplitSpec, hold_out, split_conditions, split_touches, turns_of
 from neurotact.data.trial_choice import LeaveOut, TrialChoice, Where, chosen_trials, values_in_words
 from neurotact.data.window_choice import ARGUMENTS, Words, suited_window
@@ -268,19 +268,23 @@ def _cuts(trains: SpikeTrains, task: Task, trials: np.ndarray) -> Iterator[_Cut]
         return
     if trains.variations is None:
         raise InputError(f"spikes: hold no varied copies, and training asks for '{task.augmentation}'; encode them")
-    varied = trains.variations.trains
-    windows = varied.cut(task.training_window, trains.variations.rows(trials, task.augmentation))
-    yield _Cut(varied, windows, trains.variations.of[windows.trial])
+    varied, before = trains.variations.only(trains.variations.rows(trials, task.augmentation)), 0
+    for block in varied.source.blocks(varied.places):
+        windows = block.cut(task.training_window)
+        yield _Cut(block.within(windows), windows, varied.of[before + windows.trial])
+        before += len(block)
 
 
 def _with_copies(trains: SpikeTrains, task: Task, trials: np.ndarray) -> tuple[Examples, np.ndarray]:
     """The windows of some trials for training or validation, and of their varied copies; the trial of each window."""
     cuts = [*_cuts(trains, task, trials)]
-    rasters = [torch.from_numpy(cut.trains.raster(cut.windows)) for cut in cuts]
-    of = np.concatenate([cut.trial for cut in cuts])
+    of, before = np.concatenate([cut.trial for cut in cuts]), 0
     labels = torch.cat([labels_of(trains, replace(cut.windows, trial=cut.trial), task) for cut in cuts])
-    spikes = rasters[0] if len(rasters) == 1 else torch.cat(rasters)
-    return Examples(spikes, labels), of
+    spikes = empty_raster(len(of), cuts[0].windows.n_steps, len(trains.afferents))
+    for cut in cuts:
+        cut.trains.raster(cut.windows, into=spikes[before : before + len(cut.trial)])
+        before += len(cut.trial)
+    return Examples(torch.from_numpy(spikes), labels), of
 
 
 def trials_of(trains: SpikeTrains, task: Task, split: Split | None = None) -> Split:

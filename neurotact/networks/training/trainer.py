@@ -1,7 +1,9 @@
 """From spike trains to a trained network: new weights, training, and the exit rule chosen on validation windows."""
 
+import math
 import warnings
 from collections.abc import Callable, Iterator
+from functools import partial
 from typing import Any, NamedTuple
 
 import torch
@@ -24,6 +26,14 @@ from neurotact.networks.training.tasks import Sides, Task, names_of, sides_of, t
 
 AT_ONCE = 256
 """Windows that are simulated together."""
+
+
+class Paused(Exception):  # noqa: N818 (nothing failed)
+    """A training that was to stop early, with the checkpoint from which it goes on."""
+
+    def __init__(self, checkpoint: Checkpoint) -> None:
+        super().__init__(f"paused after {len(checkpoint.epochs)} epochs")
+        self.checkpoint = checkpoint
 
 
 class Trained(NamedTuple):
@@ -58,16 +68,18 @@ def fit(
     split: Split | None = None,
     start: Checkpoint | None = None,
     keep: Callable[[Checkpoint], None] | None = None,
+    until: float | None = None,
 ) -> tuple[Trained, Sides]:
     """Train a network, or several that are joined; two seeds (initial weights, order of trials) determine every number.
 
     split: replaces the split that the task draws.
     start: a checkpoint to continue from. keep: called with a checkpoint after each epoch (see `epochs.train`).
+    until: raise `Paused` after this share of the epochs, unless all is done before.
     Warns if no training window holds a spike: the network then learns nothing.
     """
     sides = sides_of(trains, task, split)
     _warn_of_silence(sides.train)
-    how = {"device": device, "backend": backend, "progress": progress, "start": start, "keep": keep}
+    how = {"device": device, "backend": backend, "progress": progress, "start": start, "keep": keep, "until": until}
     network, training = new_trained(trains, spec, seeds, sides.train, sides.validation, task=task, **how)
     done = finished(network.cpu(), training, sides, task)
     if task.detects:
@@ -90,11 +102,12 @@ def new_trained(
     task: Task | None = None,
     device: str | torch.device = "cpu",
     backend: Backend = "auto",
+    until: float | None = None,
     **options: Any,
 ) -> tuple[Network, Training]:
     """Train a network for the afferents and classes of some spike trains, with the choices of its recipe; and its log.
 
-    task: as for `tasks.names_of`. options: of `ensemble.train`.
+    task: as for `tasks.names_of`. until: as of `fit`, in place of `keep`. options: of `ensemble.train`.
     """
 
     def new(spec: RSNNSpec, seeds: tuple[int, int]) -> tuple[Network, torch.Generator]:
@@ -102,7 +115,14 @@ def new_trained(
         return network.to(device), order
 
     chosen = recipe.chosen_for(spec, training.spikes, trains.sampling_rate_Hz)
+    if until is not None:
+        options["keep"] = partial(_pause, math.ceil(until * chosen.training.epochs))
     return ensemble.train(new, chosen, seeds, training, validation, **options)
+
+
+def _pause(epochs: int, checkpoint: Checkpoint) -> None:
+    if len(checkpoint.epochs) >= epochs:
+        raise Paused(checkpoint)
 
 
 def _warn_of_silence(training: Examples) -> None:

@@ -1,0 +1,18 @@
+#!/bin/sh
+# Runs this study again in the folder `again`, and compares its answer and its tables byte by byte.
+set -eu
+cd "$(dirname "$0")"
+export NEUROTACT_DATA="$PWD/data"
+rm -rf again
+${NEUROTACT:-neurotact} study run study.toml -o again
+differ=0
+for name in NAMES; do
+    here="tables/$name"
+    [ "$name" = answer.json ] && here="$name"
+    cmp "$here" "again/$name" || differ=$((differ + 1))
+done
+if [ "$differ" != 0 ]; then
+    echo "$differ of COUNT files differ; versions.json has the versions and the machine of the study"
+    exit 1
+fi
+echo "all COUNT files are the same"
