@@ -17,7 +17,7 @@ from neurotact_parts.streams.long_recordings import PART_S, RECORDING
 
 from neurotact.data import marks
 from neurotact.data.spikes import SpikeTrains
-from neurotact.data.windows import Windows
+from neurotact.data.windows import Windows, whole_steps
 from neurotact.errors import InputError
 from neurotact.metrics import synops
 from neurotact.metrics.shares import wilson_interval
@@ -25,6 +25,7 @@ from neurotact.networks.definition.network import Network
 from neurotact.networks.training import numbers
 from neurotact.networks.training.events import DetectorSpec, in_parts, names_of
 from neurotact.networks.training.run_folder import Restored
+from neurotact.networks.training.tasks import Task
 
 THRESHOLDS = 40
 """How many thresholds are tried: quantiles of the lead on validation recordings."""
@@ -170,14 +171,14 @@ def thresholds(recordings: Sequence[Heard]) -> list[float]:
     return sorted({0.0, *np.quantile(leads, np.linspace(0, 1, THRESHOLDS)).tolist()})
 
 
-def choose(
-    network: Network, trains: SpikeTrains, trials: Sequence[int], most_per_h: float, longest: int
-) -> DetectorSpec:
-    """The rule for at most so many false alarms an hour on validation recordings: most hits, then the least delay.
+def choose(network: Network, trains: SpikeTrains, trials: Sequence[int], task: Task) -> DetectorSpec:
+    """The rule for at most as many false alarms an hour on validation recordings as a task allows.
 
-    Where none is so rare, the one with the fewest. longest: steps of a window; a label leads for half of it at most.
+    Of these, the one with most hits, then with the least delay; where none is so rare, the one with the fewest. A label
+    leads for half of a window at most.
     """
-    recordings = heard(network, trains, trials, names_of(trains))
+    recordings, most_per_h = heard(network, trains, trials, names_of(trains)), task.false_alarms_per_h or 0.0
+    longest = whole_steps(task.window.length_ms, trains.sampling_rate_Hz) // network.steps_per_bin
     steps = [2**power for power in range(max(1, longest // 2).bit_length())]
     rules = [DetectorSpec(threshold=least, steps=n) for n, least in product(steps, thresholds(recordings))]
 

@@ -397,6 +397,7 @@ WAYS = {
                 "--augmentation": "tests/networks/test_model_selection.py",
                 "--balance": "tests/networks/test_balancing.py",
                 "--target": "tests/networks/test_numbers.py",
+                "--false-alarms-per-h": "tests/stream/test_detector.py",
             },
             is_slow=True,
         )
@@ -685,7 +686,10 @@ WAYS = {
 }
 SAME = {
     **dict.fromkeys(
-        (f"simulate {name}" for name in ("stiffness", "touch-modality", "contact-materials", "compliance")),
+        (
+            f"simulate {name}"
+            for name in ("stiffness", "touch-modality", "contact-materials", "compliance", "gratings-slips")
+        ),
         "simulate gratings",
     ),
     **dict.fromkeys((f"import {name}" for name in ("fabricslide", "pvdf-hardness", "touch-modality")), "encode"),

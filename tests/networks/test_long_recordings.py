@@ -220,5 +220,5 @@ def test_training_windows_of_one_label_are_refused():
     trains = trains_of([300] * 10, [(0, 1.0, 2.9, "slip")])
     task = tasks.Task(window=WindowSpec(length_ms=100), target=("events",))
     split = tasks.Split(np.arange(1, 8), np.array([8]), np.array([0, 9]))
-    with pytest.raises(InputError, match="under one label"):
+    with pytest.raises(InputError, match="too few classes"):
         tasks.trials_of(trains, task, split)

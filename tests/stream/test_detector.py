@@ -2,6 +2,7 @@
 
 import json
 import math
+from types import SimpleNamespace
 
 import numpy as np
 import pandas as pd
@@ -21,6 +22,7 @@ from neurotact.errors import InputError
 from neurotact.files import read_json
 from neurotact.networks.training import run_folder
 from neurotact.networks.training.events import DetectorSpec
+from neurotact.networks.training.tasks import Task
 
 ENCODER = {"conditioning.resample_Hz": 500.0, "conditioning.baseline": "start", "sa1.gain": 10.0, "ra1.gain": 80.0,
            "sa1.t_ref_ms": 2.0, "ra1.t_ref_ms": 2.0}  # fmt: skip
@@ -88,10 +90,16 @@ def test_the_rule_for_so_many_false_alarms_has_most_hits_and_the_least_delay(run
     marked = [(2, 2.0 + 3.8 * k, 4.0 + 3.8 * k) for k in range(10)]
     recordings = [Heard(i, part, 0.1, 40.0, marked) for i, part in enumerate(values)]
     monkeypatch.setattr(detector, "heard", lambda *_: recordings)
+    network, trains = SimpleNamespace(steps_per_bin=1), SimpleNamespace(sampling_rate_Hz=1000.0)
+
+    def choose(most):
+        task = Task(target=("events",), false_alarms_per_h=most, window={"length_ms": 32.0})
+        return detector.choose(network, trains, [0, 1], task)  # pyright: ignore[reportArgumentType]
+
     monkeypatch.setattr(detector, "names_of", lambda _: ("none", "contact", "slip"))
     missed = []
     for most in (0.0, 100.0, 2000.0):
-        rule = detector.choose(None, None, [0, 1], most, 32)  # pyright: ignore[reportArgumentType]
+        rule = choose(most)
         found = detector.tally(recordings, rule)
         assert found.per_h <= most
         missed.append(found.missed)
@@ -107,7 +115,7 @@ def test_the_rule_for_so_many_false_alarms_has_most_hits_and_the_least_delay(run
         detector.tally(recordings, DetectorSpec(threshold=least, steps=steps)).per_h
         for least in detector.thresholds(recordings) for steps in (1, 2, 4, 8, 16)
     )  # fmt: skip
-    rule = detector.choose(None, None, [0, 1], 0.0, 32)  # pyright: ignore[reportArgumentType]
+    rule = choose(0.0)
     assert detector.tally(recordings, rule).per_h == fewest
 
 
@@ -140,7 +148,7 @@ def test_the_threshold_is_that_of_validation(run):
     restored = run_folder.restore(run)
     trains = run_folder.load_spikes_of(restored)
     split = run_folder.trials_of(trains, restored.task)
-    chosen = detector.choose(restored.network, trains, split.validation, 200.0, 240 // 4)
+    chosen = detector.choose(restored.network, trains, split.validation, restored.task)
     assert restored.detector == chosen
     assert restored.task.false_alarms_per_h == 200
     assert restored.classes == ("none", "contact", "slip")

@@ -51,12 +51,6 @@ def labels_of(trains: SpikeTrains, windows: Windows) -> torch.Tensor:
     return torch.tensor([index[label] for label in found], dtype=torch.int64)
 
 
-def check_labels(labels: torch.Tensor) -> None:
-    """Refuse training windows of one label."""
-    if len(labels.unique()) < 2:
-        raise InputError("target: all training windows end under one label; annotate more events, or split otherwise")
-
-
 def in_parts(trains: SpikeTrains, n: int) -> SpikeTrains:
     """Each recording cut in time into at most `n` parts, which are trials."""
     return trains if n == 1 else tool("recordings_in_parts")(trains, n)

@@ -56,11 +56,9 @@ class Outcome(NamedTuple):
     def lines(self) -> list[str]:
         """The accuracy, the cost and the confusions in words."""
         costs = comparison.costs(self.row, self.step_ms)
+        first, last = [*self.told], [*comparison.recurrence(self.row)]
         if self.confusion:
-            first, last = (
-                [*self.told],
-                [*comparison.recurrence(self.row), comparison.confused(self.confusion, self.classes)],
-            )
+            last.append(comparison.confused(self.confusion, self.classes))
         else:
             first, last = [*numbers.lines(self.row, self.classes)], []
         return [
@@ -112,8 +110,7 @@ def outcome_of(
     names = tasks.names_of(trains, task)
     tables, told = {}, []
     if task.detects:
-        judge = tool("judge_detector")
-        found, tables, told = judge(fitted.network, trains, tasks.trials_of(trains, task).test, fitted.detector)
+        found, tables, told = tool("judge_detector")(fitted.network, trains, parts.test, fitted.detector)
         result["row"] |= found
     if task.numbers:
         result["row"] |= numbers.errors(result["values"], sides.test.labels.numpy(), names, trials.test)

@@ -304,12 +304,11 @@ def trials_of(trains: SpikeTrains, task: Task, split: Split | None = None) -> Sp
         raise InputError(f"split: no {empty[0]} trial is left within the subset {task.subset}; split otherwise")
     if task.numbers:
         numbers.check(trains.conditions, task.numbers, sides.train)
-    if task.detects:
-        events.check_labels(labels_of(trains, trains.cut(task.training_window, sides.train), task))
-    if task.target:
         return sides
-    names = names_of(trains, task)  # gathered from all trials at every call
-    known = [names[label] for label in np.unique(trains.labels[sides.train])]
+    names, labels = names_of(trains, task), trains.labels[sides.train]  # gathered from all trials at every call
+    if task.detects:
+        labels = events.labels_of(trains, trains.cut(task.training_window, sides.train))
+    known = [names[label] for label in np.unique(labels)]
     if len(known) < 2:
         raise InputError(
             f"spikes: the training trials hold too few classes ({', '.join(known) or 'none'}); give at least two"

@@ -83,12 +83,8 @@ def fit(
     network, training = new_trained(trains, spec, seeds, sides.train, sides.validation, task=task, **how)
     done = finished(network.cpu(), training, sides, task)
     if task.detects:
-        held, n_steps = (
-            trials_of(trains, task, split).validation,
-            sides.validation.spikes.shape[1] // network.steps_per_bin,
-        )
-        choose = tool("choose_detector")
-        done = done._replace(detector=choose(network, trains, held, task.false_alarms_per_h, n_steps))
+        held = trials_of(trains, task, split).validation
+        done = done._replace(detector=tool("choose_detector")(network, trains, held, task))
     return done, sides
 
 
