@@ -6,7 +6,7 @@ an event begins, unless the label is `marks.NONE`. What begins while its mark is
 alarm.
 """
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from itertools import pairwise, product
 from typing import Any, NamedTuple
 
@@ -100,16 +100,16 @@ def values_of(network: Network, trains: SpikeTrains, trial: int) -> np.ndarray:
     return torch.stack([*integration.cpu().over(gained)]).numpy()
 
 
-def heard(network: Network, trains: SpikeTrains, trials: Sequence[int], names: Sequence[str]) -> list[Heard]:
+def heard(network: Network, trains: SpikeTrains, trials: Iterable[int], names: Sequence[str]) -> list[Heard]:
     """Recordings, each through a network without reset. names: of its labels."""
     index, rate_Hz = {name: number for number, name in enumerate(names)}, trains.sampling_rate_Hz
     table = pd.DataFrame(columns=marks.COLUMNS) if trains.marks is None else trains.marks
     found = []
-    for trial in trials:
+    for trial in map(int, trials):
         own = table[table["trial"] == trial]
         marked = [(index.get(row.label, -1), float(row.start_s), float(row.stop_s)) for row in own.itertuples()]
         values, lasts_s = values_of(network, trains, trial), float(trains.trial_steps[trial] / rate_Hz)
-        found.append(Heard(int(trial), values, network.steps_per_bin / rate_Hz, lasts_s, marked))
+        found.append(Heard(trial, values, network.steps_per_bin / rate_Hz, lasts_s, marked))
     return found
 
 
@@ -171,7 +171,7 @@ def thresholds(recordings: Sequence[Heard]) -> list[float]:
     return sorted({0.0, *np.quantile(leads, np.linspace(0, 1, THRESHOLDS)).tolist()})
 
 
-def choose(network: Network, trains: SpikeTrains, trials: Sequence[int], task: Task) -> DetectorSpec:
+def choose(network: Network, trains: SpikeTrains, trials: Iterable[int], task: Task) -> DetectorSpec:
     """The rule for at most as many false alarms an hour on validation recordings as a task allows.
 
     Of these, the one with most hits, then with the least delay; where none is so rare, the one with the fewest. A label
@@ -190,7 +190,7 @@ def choose(network: Network, trains: SpikeTrains, trials: Sequence[int], task: T
 
 
 def judge(
-    network: Network, trains: SpikeTrains, trials: Sequence[int], rule: DetectorSpec
+    network: Network, trains: SpikeTrains, trials: Iterable[int], rule: DetectorSpec
 ) -> tuple[dict[str, float], dict[str, pd.DataFrame], list[str]]:
     """What a detector comes to on test recordings, as columns of results; its tables, by their files; lines of words.
 
@@ -254,7 +254,7 @@ def detected(restored: Restored, trains: SpikeTrains, *, test_only: bool = False
     trains = parts if (known.sides(parts) != synops.UNSEEN).any() else trains
     sides, tables = known.sides(trains), []
     for trial in known.tested(trains) if test_only else range(len(trains)):
-        found = heard(restored.network, trains, [int(trial)], restored.classes)
+        found = heard(restored.network, trains, [trial], restored.classes)
         tables.append(events_of(trains, found, rule, restored.classes).assign(side=sides[trial]))
     if not tables:
         raise InputError("spikes: hold none of the detector's test recordings; give those that it was trained on")

@@ -21,6 +21,15 @@ MARKS = {
 SORTED = [[0, 0.05, 0.25, "contact"], [0, 0.25, 0.3, "slip"], [2, 0.1, 0.3, "slip"]]
 
 
+def marks_of(one) -> pd.DataFrame:
+    assert one.marks is not None
+    return one.marks
+
+
+def rows_of(one) -> list[list]:
+    return marks_of(one).values.tolist()
+
+
 def long_recordings(**changes):
     noise = np.random.default_rng(0).standard_normal((3, 300, 2))
     return nt.Recordings(noise, 1000.0, "mV", ["session"] * 3, marks={**MARKS, **changes})
@@ -55,25 +64,25 @@ def test_files_selections_and_spikes_keep_marks(tmp_path):
     with open_recordings(tmp_path / "a.h5") as stored:
         encode_file(stored, encoder, tmp_path / "b.h5")
         of_file = [stored, stored.loaded(), stored.in_order(["taxel2", "taxel1"])]
-        assert stored.select([2]).marks.values.tolist() == [[0, 0.1, 0.3, "slip"]]
+        assert rows_of(stored.select([2])) == [[0, 0.1, 0.3, "slip"]]
     spikes = encode_recordings(recordings, encoder)
     nt.save(spikes, tmp_path / "c.h5")
     kept = [recordings, recordings.to_unit("V"), *of_file, spikes, *map(nt.load, tmp_path.glob("*.h5"))]
-    assert all(one.marks.values.tolist() == SORTED for one in kept)
+    assert all(rows_of(one) == SORTED for one in kept)
     for one in (recordings, spikes):
-        assert one.select([2, 1, 0]).marks.values.tolist() == [
+        assert rows_of(one.select([2, 1, 0])) == [
             [0, 0.1, 0.3, "slip"],
             *([2, *r[1:]] for r in SORTED[:2]),
         ]
     varied = encode_recordings(recordings, encoder, augmentation=AugmentationSpec(kind="gain", copies=1))
-    assert varied.marks.values.tolist() == SORTED
+    assert rows_of(varied) == SORTED
     nt.save(varied, tmp_path / "varied.h5")
-    assert nt.load(tmp_path / "varied.h5").marks.values.tolist() == SORTED
+    assert rows_of(nt.load(tmp_path / "varied.h5")) == SORTED
 
 
 def test_a_trial_without_marks_stays_annotated(tmp_path):
     nt.save(long_recordings().select([1]), tmp_path / "a.h5")
-    assert nt.load(tmp_path / "a.h5").marks.values.tolist() == []
+    assert rows_of(nt.load(tmp_path / "a.h5")) == []
 
 
 @given(st.lists(st.integers(1, 9), min_size=2, max_size=9), st.integers(0, 1))
@@ -96,8 +105,8 @@ def test_a_continuous_recording_is_kept_whole_with_its_marks(tmp_path, scale):
     cut = nt.read_table(tmp_path / "all.csv", unit="mV", segments=True, leave_out="rest")
     whole = nt.read_table(tmp_path / "all.csv", unit="mV", segments=True, leave_out="rest", keep_whole=True)
     assert len(whole) == 1
-    assert whole.marks["label"].tolist() == cut.conditions["label"].tolist() == ["contact", "slip"]
-    assert np.allclose(whole.marks[["start_s", "stop_s"]], [[0.05, 0.2], [0.2, 0.3]])
+    assert marks_of(whole)["label"].tolist() == cut.conditions["label"].tolist() == ["contact", "slip"]
+    assert np.allclose(marks_of(whole)[["start_s", "stop_s"]], [[0.05, 0.2], [0.2, 0.3]])
     assert (whole.signals[0][50:200] == cut.signals[0]).all()
 
 
@@ -114,8 +123,8 @@ def test_recordings_of_one_table_and_annotations_are_kept_whole(tmp_path):
     how = {"unit": "mV", "sampling_rate_Hz": 1000.0, "keep_whole": True}
     two = nt.read_table(tmp_path / "all.csv", trial="session", segments=True, leave_out="none", **how)
     assert two.conditions["session"].tolist() == ["b", "a"]
-    assert np.allclose(two.marks[marks.COLUMNS[:3]], [[0, 0.12, 0.2], [1, 0.12, 0.2]])
+    assert np.allclose(marks_of(two)[marks.COLUMNS[:3]], [[0, 0.12, 0.2], [1, 0.12, 0.2]])
     one = nt.read_table(tmp_path / "one.csv", annotations=tmp_path / "marks.csv", **how)
-    assert np.allclose(one.marks[marks.COLUMNS[:3]], [[0, 0.1, 0.2], [0, 0.35, 0.4]])
+    assert np.allclose(marks_of(one)[marks.COLUMNS[:3]], [[0, 0.1, 0.2], [0, 0.35, 0.4]])
     with pytest.raises(nt.InputError, match="keep_whole"):
         nt.read_table(tmp_path / "all.csv", trial="session", **how)

@@ -64,17 +64,19 @@ def test_parts_hold_every_spike_and_every_mark_once_and_no_onset_is_lost(trains,
     )
     first = np.rint(begin_s * RATE_Hz).astype(int)
     for trial in range(len(trains)):
-        mine = np.flatnonzero(of == trial)
+        mine = np.flatnonzero(of == trial).tolist()
         assert 1 <= len(mine) <= n
         assert (first[mine] == np.cumsum([0, *parts.trial_steps[mine]])[:-1]).all()
         assert parts.trial_steps[mine].sum() == trains.trial_steps[trial]
         assert np.concatenate([parts.steps[i] + first[i] for i in mine]).tolist() == trains.steps[trial].tolist()
         assert np.concatenate([parts.units[i] for i in mine]).tolist() == trains.units[trial].tolist()
-    table = parts.marks
+    table, known = parts.marks, trains.marks
+    assert table is not None
+    assert known is not None
     shift = begin_s[table["trial"]]
     back = np.column_stack([of[table["trial"]], table["start_s"] + shift, table["stop_s"] + shift])
-    assert np.allclose(back, trains.marks[marks.COLUMNS[:3]])
-    assert table["label"].tolist() == trains.marks["label"].tolist()
+    assert np.allclose(back, known[marks.COLUMNS[:3]])
+    assert table["label"].tolist() == known["label"].tolist()
     assert len({*parts.trial_digests}) == len({*parts.trial_touches}) == len(parts)
 
 
@@ -182,7 +184,9 @@ def test_older_state_is_forgotten():
     spikes = (torch.rand(1, 900, 2, generator=torch.Generator().manual_seed(1)) < 0.08).to(torch.uint8)
     other = spikes.clone()
     other[:, :300] = other[:, :300].flip(1)
-    values = [torch.stack([*network.integration.over(network.simulate(one).readout)], 1)[0] for one in (spikes, other)]
+    integration = network.integration
+    assert integration is not None
+    values = [torch.stack([*integration.over(network.simulate(one).readout)], 1)[0] for one in (spikes, other)]
     apart = (values[0] - values[1]).abs().amax(dim=1)
     assert apart[299] > 0
     assert apart[-1] < 0.01 * apart.max()

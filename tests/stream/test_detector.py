@@ -93,7 +93,7 @@ def test_the_rule_for_so_many_false_alarms_has_most_hits_and_the_least_delay(run
     network, trains = SimpleNamespace(steps_per_bin=1), SimpleNamespace(sampling_rate_Hz=1000.0)
 
     def choose(most):
-        task = Task(target=("events",), false_alarms_per_h=most, window={"length_ms": 32.0})
+        task = Task(target=("events",), false_alarms_per_h=most, window=nt.Window(length_ms=32))
         return detector.choose(network, trains, [0, 1], task)  # pyright: ignore[reportArgumentType]
 
     monkeypatch.setattr(detector, "names_of", lambda _: ("none", "contact", "slip"))
@@ -180,6 +180,7 @@ def offline(run, recordings):
 def test_a_stream_equals_whole_recordings_value_for_value(run, block):
     recordings = nt.simulate("gratings-slips", recordings=1, duration_s=6, sampling_rate_Hz=500, seed=3)
     restored, values = offline(run, recordings)
+    assert restored.detector is not None
     stream, decisions, found = Stream(run), [], []
     for first in range(0, 3000, block):
         decisions += stream.push(recordings.signals[0][first : first + block])
@@ -245,9 +246,10 @@ def test_spikes_and_operations_are_counted_from_one_event_to_the_next(run):
 
 
 def test_a_detector_is_refused_where_windows_are_decided(run, tmp_path):
-    for one in ({"hop_ms": 20}, {"contact": True}, {"length_ms": 50}, {"full_window": True}):
+    S = nt.Streamed
+    for streamed in (S(hop_ms=20), S(contact=True), S(length_ms=50), S(full_window=True), S(start_ms=1)):
         with pytest.raises(InputError, match="runs on without windows"):
-            chain_of(run, nt.Streamed(**one))
+            chain_of(run, streamed)
     with pytest.raises(InputError, match=r"events in time: C .* stream it"):
         nt.export(run, tmp_path / "c", "c", variant="float")
     with pytest.raises(InputError, match=r"detects events, and .* needs classes"):
@@ -286,4 +288,5 @@ def test_slips_of_a_number_depend_on_it_alone():
     few, more = (nt.simulate("gratings-slips", recordings=n, duration_s=6, sampling_rate_Hz=500) for n in (1, 2))
     assert (few.signals[0] == more.signals[0]).all()
     assert (few.signals[0] != more.signals[1]).any()
+    assert more.marks is not None
     assert {*more.marks["label"]} == {"contact", "slip"}

@@ -412,7 +412,7 @@ def _marks(touches: _Trials, trials: _Trials, clock: Clock, read: Recordings) ->
         time_s = np.append((time - time[0]) / (time[-1] - time[0]) * (n - 1), n) / read.sampling_rate_Hz
         for begin, end, label in zip(touches.begin, touches.end, touches.conditions[LABEL], strict=True):
             if first <= begin < after:
-                rows.append((trial, time_s[begin - first], time_s[min(end, after) - first], label))
+                rows.append((trial, *time_s[[begin - first, min(end, after) - first]].tolist(), label))
     return pd.DataFrame(rows, columns=marks.COLUMNS)
 
 
