@@ -52,6 +52,7 @@ from .api.tools import from_neo as from_neo
 from .api.tools import from_nir as from_nir
 from .api.tools import from_nir_data as from_nir_data
 from .api.tools import from_snntorch as from_snntorch
+from .api.tools import learn as learn
 from .api.tools import live as live
 from .api.tools import plot_survival as plot_survival
 from .api.tools import read_nwb as read_nwb

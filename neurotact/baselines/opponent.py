@@ -8,7 +8,7 @@ import warnings
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass
-from functools import partial
+from functools import cache, partial
 from typing import Any, Literal, NamedTuple, TypeVar, get_args
 
 import numpy as np
@@ -19,6 +19,7 @@ from neurotact import plugins
 from neurotact.checks import one_of
 from neurotact.errors import InputError, first_line
 from neurotact.metrics.flops import Cost, Layer, cost
+from neurotact.progress import say
 
 T = TypeVar("T")
 Opponents = Literal["none", "linear", "readout", "quick", "all"]
@@ -45,14 +46,23 @@ class Sides(NamedTuple):
 
 
 def standardised(sequences: np.ndarray, labels: np.ndarray, sides: Sequence[np.ndarray]) -> Sides:
-    """Sequences `(example, time, channel)` of each side, each channel standardised on the training side.
+    """Sequences `(example, time, channel)` of each side, float32, each channel standardised on the training side.
 
     sides: indices or booleans that select the examples of training, validation and test.
     """
     training = sequences[sides[0]]
-    offset, scale = training.mean(axis=(0, 1)), training.std(axis=(0, 1))
-    standard = (sequences - offset) / np.where(scale > 0, scale, 1.0)
-    return Sides(*(standard[side] for side in sides), *(labels[side] for side in sides))
+    offset, scale = (of(axis=(0, 1), dtype=np.float64) for of in (training.mean, training.std))
+    scale = np.where(scale > 0, scale, 1.0)
+    del training
+
+    def standard(side: np.ndarray) -> np.ndarray:
+        chosen = sequences[side]
+        done = np.empty(chosen.shape, np.float32)
+        for values, into in zip(chosen, done, strict=True):
+            into[:] = (values - offset) / scale
+        return done
+
+    return Sides(*map(standard, sides), *(labels[side] for side in sides))
 
 
 class Candidate(NamedTuple):
@@ -198,6 +208,23 @@ def best_of(opponent: Opponent, sides: Sides, seed: int) -> Candidate:
     """The candidate with the highest validation accuracy (ties: the first); test examples are not used."""
     found = opponent.candidates(sides, seed)
     return first_best((accuracy(one, sides.validation, sides.y_validation), one) for one in found)[1]
+
+
+def part_of(labels: np.ndarray, n: int) -> np.ndarray:
+    """The places of n examples, evenly spaced within each class, ascending; all if there are no more.
+
+    >>> part_of(np.array([0, 1] * 4), 4).tolist()
+    [0, 2, 5, 7]
+    """
+    if len(labels) <= n:
+        return np.arange(len(labels))
+    return np.sort(np.argsort(labels, kind="stable")[np.linspace(0, len(labels) - 1, n).round().astype(int)])
+
+
+@cache
+def say_once(line: str) -> None:
+    """Print a line on stderr, the first time in a process."""
+    say(line)
 
 
 def first_best(scored: Iterable[tuple[float, T]]) -> tuple[float, T]:

@@ -36,7 +36,7 @@ from neurotact.encoders.specs import taxels_of
 from neurotact.metrics import paired
 from neurotact.metrics.flops import Cost, Moments, Standardise, changed, cost, passed
 from neurotact.metrics.signal_flops import Averaging, StandardisedSteps
-from neurotact.progress import say
+from neurotact.progress import at, say
 
 BINS = 10
 """Time bins of a window, in which spikes are counted and signals averaged."""
@@ -188,7 +188,8 @@ def signal_inputs(
     for words, n_steps, of_sequences in _sequences_of("samples", cuts.length_ms, least, opponents):
         made = Cost() if n_steps >= samples else cost(Averaging(samples, n_steps, taxels))
         made += cost(StandardisedSteps(n_steps, taxels), signal_ms=cuts.length_ms)
-        yield Input(SIGNALS, words, None, averaged(pieces, n_steps), made, of_sequences)
+        kind = pieces[0].dtype if least == n_steps == samples else np.float64
+        yield Input(SIGNALS, words, None, averaged(pieces, n_steps, kind), made, of_sequences)
 
 
 def _sequences_of(
@@ -278,6 +279,7 @@ def rows(inputs: Iterable[Input], labels: np.ndarray, cuts: Cuts) -> Iterator[di
                 continue
             if opponent.joins == "all" and best_yet is not None and best_yet[1] in kinds:
                 kinds = [best_yet[1]]
+            at(f"{name} on {one.column}")
             with named(name):
                 kind, sides, chosen = _best_training(one, opponent, labels, cuts, kinds)
                 right = {f"validation{width}": each.right for width, each in chosen.items()}

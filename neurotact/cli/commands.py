@@ -49,6 +49,7 @@ COMMANDS = {
         "networks", "save",
         "Find the network that saves the most energy at the accuracy of a run, by all ways together.",
     ),
+    "learn": Place("networks", "learn", "Teach a network a new class from a few touches, by its readout alone."),
     "fine-tune": Place(
         "export", "fine_tune",
         "Continue the training of a network with rounded weights, for an export with few bits.",

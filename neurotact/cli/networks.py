@@ -163,6 +163,26 @@ def save(given: dict[str, Any], as_json: Json = False) -> None:
 
 
 @calling(
+    tools.learn,
+    touched=Annotated[Path, typer.Argument(help="Spikes of touches, of classes that the network does not know.")],
+    touches=option(int, "Touches of each new class that are learned; the others test it.", min=1),
+    spikes=MovedSpikes,
+    force=REPLACED,
+)
+def learn(given: dict[str, Any], as_json: Json = False) -> None:
+    """Teach a network a new class from a few touches, by its readout alone.
+
+    The readout is refitted on what it hears of the run's training windows, and then learns the new touches one by one.
+    What the known classes lose is printed. The network is saved as a new run.
+    """
+    row = tools.learn(**given, tell=unless(as_json))
+    if as_json:
+        print_json(pd.DataFrame([row]))
+    else:
+        print(f"next: neurotact infer {shlex.quote(str(given['folder']))} {shlex.quote(str(given['touched']))}")
+
+
+@calling(
     api.infer,
     out=option(Path | None, "Also write one row per window (.csv, .json, .md, .tex).", "-o", "--out"),
     early_exit=flag("--early-exit", "Stop each window by the rule chosen on validation windows, where it is used."),

@@ -115,6 +115,7 @@ class StoredRecordings(Trials):
         return signal
 
     def loaded(self) -> Recordings:
+        check_size(self.source, 4 * sum(self.stored_lengths.tolist()) * self.n_channels)
         signals = np.empty((self.stored_lengths.sum(), self.n_channels), np.float32)
         ends = np.cumsum(self.stored_lengths)
         for first, last in self._runs():
@@ -186,9 +187,7 @@ def load_recordings(path: str | Path) -> Recordings:
 
 
 def _recordings(declared: Declared, within: str = "") -> Recordings:
-    stored = _stored(declared, str(declared.path), within)
-    check_size(declared.path, 4 * sum(stored.lengths.tolist()) * stored.n_channels)
-    return stored.loaded()
+    return _stored(declared, str(declared.path), within).loaded()
 
 
 def _stored(declared: Declared, path: str, within: str = "") -> StoredRecordings:

@@ -15,6 +15,7 @@ from neurotact.networks.definition import recipe
 from neurotact.networks.definition.specs import RSNNSpec
 from neurotact.networks.training import model_selection, run_folder, tasks, trainer
 from neurotact.networks.training.epochs import Epoch
+from neurotact.networks.training.linear import INVERSE_PENALTIES
 from neurotact.networks.training.model_selection import RuledOut, Tried
 from neurotact.networks.training.tasks import Task
 from neurotact.networks.use import measuring
@@ -132,14 +133,14 @@ class LongTraining:
         if seconds < TOLD_S:  # the choices of a recipe take some milliseconds
             return
         spec = self._network()
-        n, epochs = spec.n_trainings, spec.training.epochs
+        n, epochs = spec.n_trainings, spec.training.epochs if spec.n_hidden else len(INVERSE_PENALTIES)
         most = n * epochs
-        at("train", self._n_epochs, most)
+        at("train", self._n_epochs, most, f", loss {epoch.train_loss:.3g}, validation {epoch.validation_accuracy:.0%}")
         if self._is_judged or not self._says or seconds < JUDGED_S:
             return
         self._is_judged = True
         minutes = seconds / self._n_epochs * most / 60
-        if minutes > LONG_MIN:
+        if minutes > LONG_MIN and spec.n_hidden:
             members = f" of {n} trainings" if n > 1 else ""
             say(
                 f"a network takes up to {minutes:.0f} min ({most} epochs{members}); fewer taxels, shorter windows "

@@ -26,7 +26,7 @@ with lazily():
 
     from neurotact import checks, tables
     from neurotact.figures import style
-    from neurotact.report import networks, page, ways
+    from neurotact.report import networks, page, report, ways
     from neurotact.report import tables as report_tables
     from neurotact.studies import loading, measures, runner, store
     from neurotact.studies import study as networks_study
@@ -113,11 +113,12 @@ def bundle_study(
     target.parent.mkdir(parents=True, exist_ok=True)
     with TemporaryDirectory(dir=target.parent, prefix=files.DRAFT) as place:
         draft = Path(place, "bundle")
-        with _printing(draft / "figures", WIDTHS_in[width]):
-            nt.report_study(folder)
+        runner.write_tables(folder)
+        with _printing(draft / "figures", WIDTHS_in[width]):  # in this process, which draws for the paper
+            report.write(folder)
         names = _write_tables(draft, folder, what)
         _write(draft / "study.toml", specs.to_toml(table))
-        for name in ("versions.json", "data.json", page.ANSWER):
+        for name in ("versions.json", "data.json", store.ANSWER):
             if (folder / name).is_file():
                 shutil.copyfile(folder / name, draft / name)
         _write(draft / "methods.md", f"# Methods: {what.title}\n\n{methods.in_words(what)}\n")
@@ -215,7 +216,7 @@ def _write_tables(draft: Path, folder: Path, study: "loading.Study") -> list[str
     for number, shown in enumerate(_shown(folder, study), 1):
         table = pd.DataFrame(shown["rows"], columns=shown["columns"])
         tables.write_table(table, draft / "tables" / f"shown-{number}.tex", shown["caption"])
-    return [page.ANSWER, *names] if (folder / page.ANSWER).is_file() else names
+    return [store.ANSWER, *names] if (folder / store.ANSWER).is_file() else names
 
 
 def _shown(folder: Path, study: "loading.Study") -> list[dict[str, Any]]:

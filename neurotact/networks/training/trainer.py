@@ -12,7 +12,7 @@ from torch import Tensor
 from neurotact.backend import Backend
 from neurotact.data.spikes import SpikeTrains
 from neurotact.data.splits import Split
-from neurotact.networks.definition import clock, module, recipe
+from neurotact.networks.definition import clock, initial, module, recipe
 from neurotact.networks.definition.network import Network
 from neurotact.networks.definition.specs import RSNNSpec
 from neurotact.networks.exit import patience
@@ -167,7 +167,7 @@ def begin(
     chosen = recipe.chosen_for(spec, training, sampling_rate_Hz)
     network = module.new(training.shape[2], n_classes, chosen, sampling_rate_Hz, backend=backend, generator=generator)
     _warn_of_merged(network, training)
-    recipe.start(network, training, generator)
+    initial.start(network, training, generator)
     return network
 
 

@@ -39,12 +39,7 @@ def infer(
     unknown, target = sorted(set(trains.classes) - set(restored.classes)), restored.task.target
     if unknown and not target:
         raise InputError(f"spikes: class '{unknown[0]}' is not a class of the network ({', '.join(restored.classes)})")
-    if trains.sampling_rate_Hz != restored.network.sampling_rate_Hz:
-        raise InputError(
-            f"spikes: are sampled at {trains.sampling_rate_Hz:g} Hz but the network was trained at "
-            f"{restored.network.sampling_rate_Hz:g} Hz; encode them on that clock"
-        )
-    _check_encoder(restored, trains, allow_other_encoder)
+    check_same_input(restored, trains, allow_other_encoder)
     known = restored.provenance
     if restored.detector is not None:
         return tool("detected_events")(restored, trains, test_only=test_only)
@@ -82,7 +77,13 @@ def infer(
     return table
 
 
-def _check_encoder(restored: Restored, trains: SpikeTrains, allow_other: bool) -> None:
+def check_same_input(restored: Restored, trains: SpikeTrains, allow_other: bool) -> None:
+    """Refuse spikes of another clock, other afferents or, unless it is allowed with a warning, another encoder."""
+    if trains.sampling_rate_Hz != restored.network.sampling_rate_Hz:
+        raise InputError(
+            f"spikes: are sampled at {trains.sampling_rate_Hz:g} Hz but the network was trained at "
+            f"{restored.network.sampling_rate_Hz:g} Hz; encode them on that clock"
+        )
     n_inputs = restored.network.n_inputs
     if len(trains.afferents) != n_inputs:
         raise InputError(
