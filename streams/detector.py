@@ -29,6 +29,8 @@ from neurotact.networks.training.tasks import Task
 
 THRESHOLDS = 40
 """How many thresholds are tried: quantiles of the lead on validation recordings."""
+FALSE_ALARMS_PER_H = 10.0
+"""Where a task does not say how many are allowed."""
 COLUMNS = ["trial", "label", "start_s", "stop_s", "detected_s", "ended_s", "delay_ms", "outcome"]
 HIT, MISS, FALSE_ALARM, REPEAT, BEGUN = "hit", "miss", "false alarm", "repeat", "begun before"
 """What becomes of a mark or a detection; `BEGUN`: in a mark that begins with the recording, whose onset is unknown."""
@@ -177,7 +179,8 @@ def choose(network: Network, trains: SpikeTrains, trials: Iterable[int], task: T
     Of these, the one with most hits, then with the least delay; where none is so rare, the one with the fewest. A label
     leads for half of a window at most.
     """
-    recordings, most_per_h = heard(network, trains, trials, names_of(trains)), task.false_alarms_per_h or 0.0
+    recordings, most_per_h = heard(network, trains, trials, names_of(trains)), task.false_alarms_per_h
+    most_per_h = FALSE_ALARMS_PER_H if most_per_h is None else most_per_h
     longest = whole_steps(task.window.length_ms, trains.sampling_rate_Hz) // network.steps_per_bin
     steps = [2**power for power in range(max(1, longest // 2).bit_length())]
     rules = [DetectorSpec(threshold=least, steps=n) for n, least in product(steps, thresholds(recordings))]

@@ -482,11 +482,10 @@ def _read_table(declared: Declared, name: str, n_rows: int) -> pd.DataFrame:
 
 def _write_marks(file: h5py.File, marks: pd.DataFrame | None) -> None:
     if marks is not None:
-        _write_table(group := file.create_group("marks"), marks)
-        group.attrs["rows"] = len(marks)
+        _write_table(file.create_group("marks"), marks)
 
 
 def _read_marks(declared: Declared) -> pd.DataFrame | None:
     if "marks" not in declared.file:
         return None
-    return _read_table(declared, "marks", int(attribute(declared.group("marks"), "rows", declared.path)))
+    return _read_table(declared, "marks", len(declared.numbers("marks/trial", "iu")))

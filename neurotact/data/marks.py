@@ -34,9 +34,7 @@ def checked(marks: Any, durations_s: np.ndarray, where: str) -> pd.DataFrame | N
     try:
         table = pd.DataFrame(marks if isinstance(marks, pd.DataFrame) else dict(marks))[COLUMNS].astype(KINDS)
     except (TypeError, ValueError, KeyError) as error:
-        raise InputError(
-            f"{where}: marks need the columns {', '.join(COLUMNS)}, with numbers and text ({error})"
-        ) from error
+        raise InputError(f"{where}: marks need the columns {', '.join(COLUMNS)} ({error})") from error
     table = table.sort_values(COLUMNS[:2], ignore_index=True)
     trial, start, stop = (table[name].to_numpy() for name in COLUMNS[:3])
     lasts = durations_s[np.clip(trial, 0, len(durations_s) - 1)]

@@ -94,9 +94,7 @@ class _TableSpec(ColumnsSpec):
         if self.annotations is not None and (self.segments or self.trial):
             raise ValueError("`annotations` says where trials begin and end; leave out `segments` and `trial`")
         if self.keep_whole and not self.is_continuous:
-            raise ValueError(
-                "`keep_whole` needs the touches of a continuous recording; give `segments` or `annotations`"
-            )
+            raise ValueError("`keep_whole` needs touches that are told apart; give `segments` or `annotations`")
         return self
 
     @property

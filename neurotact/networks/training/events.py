@@ -1,7 +1,6 @@
 """Events in long recordings, such as contact and slip: what a detector learns of windows, each labelled at its end.
 
-How recordings are divided for it and what its network needs is in `neurotact_parts.streams.long_recordings`; when an
-event begins, in `neurotact_parts.streams.detector`.
+Its recordings and its network: `neurotact_parts.streams.long_recordings`; when an event begins: `.detector` there.
 """
 
 from typing import Any
@@ -18,7 +17,6 @@ from neurotact.spec import Spec
 
 TARGET = "events"
 """The target of a detector, in place of the names of conditions."""
-FALSE_ALARMS_PER_H = 10.0
 
 
 def tool(name: str) -> Any:

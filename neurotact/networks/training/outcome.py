@@ -40,9 +40,8 @@ class Outcome(NamedTuple):
     start: str = starts.ONE
     """What is said of the start of the weights."""
     tables: Mapping[str, pd.DataFrame] = {}
-    """Of a detector, by the names of their files."""
     told: Collection[str] = ()
-    """Of a detector, what it comes to, in words."""
+    """Of a detector, its tables by the names of their files, and what it comes to, in words."""
 
     def as_json(self) -> dict[str, Any]:
         """The content of `result.json`."""

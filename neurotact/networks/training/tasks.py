@@ -61,7 +61,7 @@ class Task(Spec):
     """The conditions whose numbers a network tells of a window; if there are none, it tells the class of the trial.
     `events`: it tells the mark in force at the end of a window."""
     false_alarms_per_h: float | None = Field(default=None, ge=0, exclude_if=lambda rate: rate is None)
-    """Of a detector, how many false alarms are allowed on validation recordings."""
+    """Of a detector, how many false alarms are allowed on validation recordings; 10 when absent."""
     parts: int = Field(default=1, ge=1, exclude_if=lambda n: n == 1)
     """In how many parts each recording is cut in time, which are then the trials."""
     seen: float = Field(default=0.0, ge=0, lt=1)
@@ -110,9 +110,7 @@ def task_of(
     """
     choice = TrialChoice.of(where, leave_out)._asdict()
     table = {"window": window, "split": split.one, "stratify": split.stratify, "exit_tolerance": exit_tolerance}
-    task = build(Task, {**table, **choice, **learn.model_dump(), "exit_choice": "steady"}, source=source)
-    most = events.FALSE_ALARMS_PER_H if learn.false_alarms_per_h is None else learn.false_alarms_per_h
-    return task.model_copy(update={"false_alarms_per_h": most}) if task.detects else task
+    return build(Task, {**table, **choice, **learn.model_dump(), "exit_choice": "steady"}, source=source)
 
 
 def of_file(
@@ -124,7 +122,6 @@ def of_file(
     task = task_of(source, window, split, exit_tolerance, where, leave_out, learn)
     trains = load_spikes(path, task, tell=True)
     if task.detects:
-        events.names_of(trains)
         suited = events.tool("detector_windows")(task.window, network)
         task = task.model_copy(update={"window": suited, "parts": events.tool("parts_for")(trains, suited)})
         return events.in_parts(trains, task.parts), task
