@@ -230,6 +230,9 @@ def test_a_saved_stream_of_a_detector_goes_on(run, tmp_path):
         second = Stream(run)
         second.load(tmp_path / f"{cut}.state")
         assert decisions + second.push(signal[cut:]) == expected
+    other = chain_of(run)._replace(detector=DetectorSpec(threshold=9, steps=1))
+    with pytest.raises(InputError, match="another chain"):
+        Stream(other).load(tmp_path / "777.state")
 
 
 def test_spikes_and_operations_are_counted_from_one_event_to_the_next(run):
