@@ -37,6 +37,7 @@ def fingerprint(chain: Chain) -> str:
         "rule": {key: value for key, value in asdict(chain.rule).items() if key != "least_lead" or value},
         "windows": asdict(chain.windows), "classes": chain.classes,
         "rates": [chain.sampling_rate_Hz, chain.clock_Hz], **({"takes_events": True} if chain.takes_events else {}),
+        **({} if chain.detector is None else {"detector": chain.detector.model_dump()}),
     }  # fmt: skip
     digest = hashlib.sha256(json.dumps(table, sort_keys=True).encode())
     for name, tensor in sorted(chain.network.state_dict().items()):

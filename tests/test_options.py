@@ -204,6 +204,7 @@ WAYS = {
         ),
         Way("import table in/continuous.csv --unit mV --segments -o a.h5", {"--columns": "--columns p1"}),
         Way("import table in/continuous.csv --unit mV -o a.h5", {"--segments": "--segments"}),
+        Way("import table in/continuous.csv --unit mV --segments -o a.h5", {"--keep-whole": "--keep-whole"}),
         Way("import table in/unlabelled.csv --unit mV -o a.h5", {"--annotations": "--annotations in/annotations.csv"}),
         Way(
             "import table in/unlabelled.csv --unit mV --annotations in/annotations.csv -o a.h5",
@@ -398,6 +399,7 @@ WAYS = {
                 "--augmentation": "tests/networks/test_model_selection.py",
                 "--balance": "tests/networks/test_balancing.py",
                 "--target": "tests/networks/test_numbers.py",
+                "--false-alarms-per-h": "tests/stream/test_detector.py",
             },
             is_slow=True,
         )
@@ -698,7 +700,10 @@ WAYS = {
 }
 SAME = {
     **dict.fromkeys(
-        (f"simulate {name}" for name in ("stiffness", "touch-modality", "contact-materials", "compliance")),
+        (
+            f"simulate {name}"
+            for name in ("stiffness", "touch-modality", "contact-materials", "compliance", "gratings-slips")
+        ),
         "simulate gratings",
     ),
     **dict.fromkeys((f"import {name}" for name in ("fabricslide", "pvdf-hardness", "touch-modality")), "encode"),

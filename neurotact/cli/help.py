@@ -9,6 +9,7 @@ EXAMPLES = {
     "show": "neurotact show sa1-ra1-lif",
     "copy": "neurotact copy sa1-ra1-lif -o mine.toml",
     "simulate gratings": "neurotact simulate gratings -o touches.h5 --set trials=20",
+    "simulate gratings-slips": "neurotact simulate gratings-slips -o slips.h5 --set recordings=20",
     "simulate stiffness": "neurotact simulate stiffness -o grasps.h5",
     "simulate touch-modality": "neurotact simulate touch-modality -o touches.h5",
     "simulate contact-materials": "neurotact simulate contact-materials -o contacts.h5",

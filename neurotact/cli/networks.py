@@ -26,7 +26,10 @@ COPIES = option(
     show_default="those in the file",
 )
 ANSWERED = ["answered", "accuracy_answered"]
-SHOWN = ["label", "windows", "accuracy", *ANSWERED, "steps", "input_spikes", "hidden_spikes", "sops_total"]
+SHOWN = [
+    "label", "windows", "accuracy", *ANSWERED, "steps", "input_spikes", "hidden_spikes", "sops_total", "outcome",
+    "events", "delay_ms",
+]  # fmt: skip
 """The columns of a SOP summary that fit a terminal, and errors of numbers; the files hold all of them."""
 SIDES = {
     "training": "training windows: seen in training, so their accuracy does not hold for new touches",

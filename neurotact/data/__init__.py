@@ -20,6 +20,7 @@ Other rooms take:
         save_recordings, save_spikes, spike_writer
     hdf5_input: Declared, EVENTS, attribute, opened, own_members, reading
     hdf5_output: Output, create
+    marks: COLUMNS, NONE, labels_at
     onset: common_onset_s, onsets_s
     readers.arrays: ALIASES, Loaded, SIGNALS, load, read
     readers.clock.stamps: OF_GIVEN_RATE, of_length, of_rate, row_times

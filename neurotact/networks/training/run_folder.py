@@ -34,6 +34,7 @@ from neurotact.networks.definition.specs import RSNNSpec
 from neurotact.networks.exit.patience import ExitChoice
 from neurotact.networks.exit.refusal import Refusal
 from neurotact.networks.exit.rule import FULL_WINDOW, ExitRule
+from neurotact.networks.training.events import DetectorSpec
 from neurotact.networks.training.provenance import Provenance, provenance_of
 from neurotact.networks.training.ranges import Ranges, SavedRanges, recorded
 from neurotact.networks.training.tasks import Task, load_spikes, names_of, sides_of, trials_of
@@ -230,6 +231,7 @@ def save(
         "best_epoch": trained.training.best.epoch,
         **({} if n_members == 1 else {"joined": {"networks": n_members, "hidden": n_hidden // n_members}}),
         **({} if found is None else {"ranges": found._asdict()}),
+        **({} if trained.detector is None else {"detector": trained.detector.model_dump()}),
         **provenance_of(trains, sides).model_dump(mode="json"),
         **(more or {}),
     }
@@ -263,6 +265,8 @@ class Restored(NamedTuple):
     """As of `trainer.Trained`."""
     ranges: Ranges | None = None
     """Of values on its training trials; None where their recordings were not found."""
+    detector: DetectorSpec | None = None
+    """As of `trainer.Trained`."""
     source: str = "run"
     """Its folder, or what it was in memory, for messages."""
 
@@ -287,11 +291,10 @@ class Restored(NamedTuple):
         return self.names if self.provenance is None else self.provenance.afferents
 
     def of_classes(self, what: str) -> "Restored":
-        """The network itself; InputError for one that tells numbers, which `what` has no use for."""
+        """The network itself; InputError for one with a target, which `what` has no use for."""
         if target := self.task.target:
-            raise InputError(
-                f"{self.source}: tells numbers ({', '.join(target)}), and {what} needs classes; train without `target`"
-            )
+            tells = "detects events" if self.task.detects else f"tells numbers ({', '.join(target)})"
+            raise InputError(f"{self.source}: {tells}, and {what} needs classes; train without `target`")
         return self
 
     def exits(self, early_exit: bool = True) -> ExitRule:
@@ -314,6 +317,7 @@ class _Extra(Provenance):
     refusal: Refusal | None = None
     ranges: SavedRanges | None = None
     recorded_Hz: float | None = Field(default=None, gt=0)
+    detector: DetectorSpec | None = None
 
 
 def files_of(folder: str | Path) -> list[Path]:
@@ -350,7 +354,7 @@ def restore(
     return Restored(
         network.to(device), known.task, rule, known.classes, tuple(places), known.encoder, provenance,
         extra.get("fine_tuned"), known.recorded_Hz, known.has_own_rule, held=held, ranges=known.ranges,
-        refusal=known.refusal, source=str(folder),
+        refusal=known.refusal, detector=known.detector, source=str(folder),
     )  # fmt: skip
 
 
