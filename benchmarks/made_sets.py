@@ -1,5 +1,6 @@
 """Recordings of made-up sensors: of another rate, number of taxels, noise, drift and polarity, with a known truth."""
 
+from collections.abc import Sequence
 from typing import NamedTuple
 
 import numpy as np
@@ -46,8 +47,10 @@ SETS = {
 """Each by its name."""
 
 
-def touches(made: Made, seed: int = 0) -> Recordings:
+def touches(made: Made, seed: int = 0, speeds: Sequence[float] = ()) -> Recordings:
     """The recordings of a made-up sensor: trials of rest, then touch, of lengths that differ by a tenth.
+
+    speeds: of the touches, in turn within each class, as the condition `speed`; ripples are as fast. None: all alike.
 
     >>> [len(touches(made).signals) for made in (SETS["few"], SETS["slow"])]
     [36, 200]
@@ -56,14 +59,17 @@ def touches(made: Made, seed: int = 0) -> Recordings:
     gains = rng.uniform(0.5, 1.5, made.taxels) * (made.sign or rng.choice([-1, 1], made.taxels))
     shape = rng.normal(0, 1, (made.classes, made.taxels))
     signals, labels = [], np.arange(made.trials) % made.classes
-    for label in labels:
+    own = [speeds[trial // made.classes % len(speeds)] for trial in range(made.trials)] if speeds else []
+    for trial, label in enumerate(labels):
+        ripple_Hz = made.ripple_Hz * (own[trial] / speeds[0] if own else 1)
         time_s = np.arange(round(made.rate_Hz * made.seconds * rng.uniform(1.0, 1.1))) / made.rate_Hz
         since_s = np.maximum(time_s - REST * made.seconds * rng.uniform(0.9, 1.1), 0.0)[:, None]
         level = 1 + made.apart * (label + shape[label]) / 2 + 0.1 * rng.normal()
         ripple = 0.4 * np.sin(
-            2 * np.pi * made.ripple_Hz * (1 + made.apart * label) * since_s + rng.uniform(0, 2 * np.pi, made.taxels)
+            2 * np.pi * ripple_Hz * (1 + made.apart * label) * since_s + rng.uniform(0, 2 * np.pi, made.taxels)
         )
         touched = (since_s > 0) * (1 - np.exp(-since_s / 0.05)) * (level + ripple) * gains
         drift = made.drift * rng.normal(0, 1, made.taxels) * (time_s / made.seconds)[:, None]
         signals.append((touched + drift + rng.normal(0, made.noise, touched.shape)).astype(np.float32))
-    return Recordings(signals, made.rate_Hz, "mV", pd.DataFrame({"label": [f"class {label}" for label in labels]}))
+    conditions = {"label": [f"class {label}" for label in labels], **({"speed": own} if own else {})}
+    return Recordings(signals, made.rate_Hz, "mV", pd.DataFrame(conditions))

@@ -25,6 +25,27 @@ import torch
 from neurotact.networks.definition import optimisers
 optimisers.state_shapes("Adam", (2, 3))
 """
+STUDY = """
+import tempfile
+import neurotact as nt
+nt.run_study("tiny.toml", tempfile.mkdtemp(dir="."))
+"""
+TINY = """
+title = "Tiny"
+encoder = "sa1-ra1-lif"
+network = "rsnn"
+[dataset]
+simulate = "gratings"
+parameters = { trials = 6, duration_s = 0.4, pitches_mm = [4.0, 0.5], forces_N = [12.0], speeds_mm_per_s = [8.6] }
+[window]
+length_ms = 50.0
+[set]
+"network.training.epochs" = 1
+[sweep]
+"network.hidden" = [4]
+seed = [0]
+"""
+"""A cell; of a study only its own process counts, and not the server of processes, which loads torch for all."""
 
 
 def seconds(words: list[str], folder: str) -> float:
@@ -42,10 +63,12 @@ def main() -> None:
     repeats = range(parser.parse_args().repeats)
     named = {command: ["-m", "neurotact", *command.split()] for command in COMMANDS}
     scripts = {"import neurotact": "import neurotact", "import torch": "import torch", "first Adam": TRAINING}
+    scripts["own process of a study"] = STUDY
     named |= {name: ["-c", script] for name, script in scripts.items()}
     with tempfile.TemporaryDirectory() as folder:
         rows = [f"{trial},{'ab'[trial % 2]},{row},{trial + row % 7}" for trial in range(12) for row in range(60)]
         (Path(folder) / "touches.csv").write_text("\n".join(["trial,label,t_ms,p1", *rows]))
+        (Path(folder) / "tiny.toml").write_text(TINY)
         print("| what | s |\n|---|---|")
         for name, words in named.items():
             print(f"| {name} | {min(seconds(words, folder) for _ in repeats):.2f} |", flush=True)

@@ -30,7 +30,7 @@ def neurobench(
     Raises InputError for a network that snnTorch cannot hold (`nt.to_snntorch`).
     """
     fitted.check_folder(run, "neurobench", "whose test windows it counts")
-    restored = fitted.restore(run, spikes=spikes)
+    restored = fitted.restore(run, spikes=spikes).of_classes("neurobench")
     files.check_new(out, force=force, inputs=[*run_folder.files_of(str(run)), restored.spikes_path])
     network = rsnn.rsnn_of("snntorch", restored.network)
     trains = run_folder.trained_spikes_of(restored)

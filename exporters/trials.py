@@ -9,16 +9,18 @@ from torch import Tensor
 
 from neurotact.data import encoded_from, hdf5
 from neurotact.data.recordings import Recordings
+from neurotact.data.spikes import SpikeTrains
 from neurotact.encoders.encoding import encode_recordings
 from neurotact.errors import InputError
-from neurotact.networks.training import run_folder, tasks
+from neurotact.networks.training import numbers, run_folder, tasks
 from neurotact.networks.training.ranges import OF_EVENTS, evenly
 
 
 class Recorded(NamedTuple):
     """The trials that give the ranges, and those on which an export is tested: signals and classes.
 
-    training, test: signals `(sample, taxel)` in the encoder's unit. labels: class indices of the test trials.
+    training, test: signals `(sample, taxel)` in the encoder's unit. labels: class indices of the test trials, or the
+    numbers that the network tells of them.
     sampling_rate_Hz: of the recordings. windows: of the training trials, `(window, time, afferent)`.
     """
 
@@ -50,7 +52,8 @@ def recorded(restored: run_folder.Restored, recordings: Recordings | str | Path 
     with encoded_from.opened(path, trains) as stored:
         sides = trials[: len(chosen)], trials[len(chosen) :]
         parts = [list(stored.select(side).loaded().to_unit(unit).signals) for side in sides]
-        labels, windows = trains.labels[split.test], tasks.sides_of(trains, restored.task).train.spikes
+        windows = tasks.sides_of(trains, restored.task).train.spikes
+        labels = _labels(restored, trains, split.test)
         return Recorded(parts[0], parts[1], labels, stored.sampling_rate_Hz, windows)
 
 
@@ -68,7 +71,14 @@ def _of_events(restored: run_folder.Restored, recordings: object) -> Recorded:
         raster[trial.steps, trial.units] = 1
         rasters.append(raster)
     windows = tasks.sides_of(trains, restored.task).train.spikes
-    return Recorded(list(OF_EVENTS), rasters, trains.labels[split.test], trains.sampling_rate_Hz, windows)
+    return Recorded(list(OF_EVENTS), rasters, _labels(restored, trains, split.test), trains.sampling_rate_Hz, windows)
+
+
+def _labels(restored: run_folder.Restored, trials: SpikeTrains | Recordings, chosen: np.ndarray) -> np.ndarray:
+    """The classes of some trials, as indices into those of the network, or their numbers `(trial, target)`."""
+    if restored.task.target:
+        return numbers.of_trials(trials.conditions, restored.task.target)[chosen]
+    return np.array([restored.classes.index(trials.classes[label]) for label in trials.labels[chosen]], np.int64)
 
 
 def _given(restored: run_folder.Restored, recordings: Recordings | str | Path | None) -> Recorded:
@@ -81,12 +91,12 @@ def _given(restored: run_folder.Restored, recordings: Recordings | str | Path | 
     encoder = build_encoder(restored)
     data = recordings if isinstance(recordings, Recordings) else hdf5.load_recordings(recordings)
     unknown = sorted({*data.classes} - {*restored.classes})
-    if unknown:
+    if unknown and not restored.task.target:
         raise InputError(f"recordings: class '{unknown[0]}' is not a class of the network; leave its trials out")
     data = data.in_order(encoder.conditioning.taxels)
     chosen = data.select(evenly(np.arange(len(data))))
     trains = encode_recordings(chosen, encoder)
     examples, _ = tasks.examples_of(trains, np.arange(len(trains)), restored.task)
     signals = list(chosen.to_unit(encoder.unit).signals)
-    labels = np.array([restored.classes.index(chosen.classes[label]) for label in chosen.labels])
+    labels = _labels(restored, chosen, np.arange(len(chosen)))
     return Recorded(signals, signals, labels, data.sampling_rate_Hz, examples.spikes)

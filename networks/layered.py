@@ -18,7 +18,7 @@ from torch import Tensor, nn
 
 from neurotact import plugins
 from neurotact.metrics.flops import Cost, Integrator, SpikingLayer, cost
-from neurotact.networks.definition import native, recipe, reference
+from neurotact.networks.definition import initial, native, reference
 from neurotact.networks.definition.parts import Counted, NetworkPart, Sizes
 from neurotact.networks.definition.specs import MOST_HIDDEN
 from neurotact.networks.definition.surrogate import FastSigmoid, spike_function
@@ -189,7 +189,7 @@ class Layered(nn.Module):
         for layer in self.layers:
             assert isinstance(layer, _Layer)
             constants = (one.detach().double().cpu() for one in (layer.alpha, layer.beta))
-            deviation = recipe.free_deviation(sent.cpu(), layer.w.cpu(), layer.neuron, *constants).to(layer.w)
+            deviation = initial.free_deviation(sent.cpu(), layer.w.cpu(), layer.neuron, *constants).to(layer.w)
             layer.w.mul_(torch.where(deviation > 0, self.keys.input_deviation * layer.threshold / deviation, 1.0))
             sent = layer(sent)
         if self.level is not None:

@@ -28,6 +28,7 @@ from .api.recordings import save as save
 from .api.recordings import simulate as simulate
 from .api.settings import Events as Events
 from .api.settings import Layout as Layout
+from .api.settings import Learn as Learn
 from .api.settings import Naming as Naming
 from .api.settings import Onset as Onset
 from .api.settings import Search as Search
@@ -51,6 +52,7 @@ from .api.tools import from_neo as from_neo
 from .api.tools import from_nir as from_nir
 from .api.tools import from_nir_data as from_nir_data
 from .api.tools import from_snntorch as from_snntorch
+from .api.tools import learn as learn
 from .api.tools import live as live
 from .api.tools import plot_survival as plot_survival
 from .api.tools import read_nwb as read_nwb

@@ -6,7 +6,8 @@ from typing import Any
 
 NO_CLASSES = (
     "holds numbers that are not whole, such as {:g}, which name no classes; give each trial a whole number or a text, "
-    "as in 'soft', such as a range of these numbers"
+    "as in 'soft', such as a range of these numbers; to learn the numbers themselves, give them as a condition and "
+    "train with `target`"
 )
 """The refusal of measurements as classes, of which the first is shown."""
 

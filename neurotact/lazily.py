@@ -63,6 +63,13 @@ class _Finder(MetaPathFinder):
         return spec
 
 
+def load_all() -> None:
+    """Load every module that is put off, and those that they put off."""
+    while late := [module for module in list(sys.modules.values()) if type(module) is _Late]:
+        for module in late:
+            vars(module)
+
+
 @contextmanager
 def lazily() -> Iterator[None]:
     """Our modules, and pandas, that are imported within it are loaded when something of theirs is first used.

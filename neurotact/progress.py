@@ -17,6 +17,8 @@ from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, T
 from neurotact.interrupt import stop_if_asked
 
 Advance = Callable[[int, str], None]
+Watcher = Callable[[str, int, int, str], None]
+"""Called with what is done, how much of how much, and at which parts worker processes are."""
 Tell = Callable[[Any], object]
 """Called with what the command of a function prints, a text or a table at a time; `print` is one."""
 SECONDS_BETWEEN_LINES = 10.0
@@ -46,38 +48,80 @@ def track(what: str, total: int, *, done: int = 0, at_most: bool = False) -> Ite
     ...     advance(1, "trial 1")
     ...     advance(1, "trial 2")
     """
-    if not _shown.get():
-        yield _stoppable(silent)
-        return
-    if sys.stderr.isatty():
-        columns = (TextColumn("{task.description}"), BarColumn(), MofNCompleteColumn(), TimeElapsedColumn())
-        bound = (TextColumn("at most"),) if at_most else ()
-        left = (*bound, TimeRemainingColumn(), TextColumn("{task.fields[note]} {task.fields[parts]}"))
-        with Progress(*columns, *left, console=Console(stderr=True)) as bar:
-            task = bar.add_task(what, total=total, completed=done, note="", parts="")
-            with _watching(lambda parts: bar.update(task, parts=parts), SECONDS_BETWEEN_PARTS):
-                yield _stoppable(lambda n, note: bar.update(task, advance=n, note=note))
-        return
-    began = last = time.monotonic()
-    before = done
+    told = _Told(what, done, total)
+    shown = _bar if sys.stderr.isatty() else _lines
+    with shown(told, at_most) if _shown.get() else _hidden(told) as advance:
+        yield told.counting(advance)
 
-    def advance(n: int, note: str) -> None:
-        nonlocal done, last
-        done += n
+
+class _Told:
+    """What `track` shows, and tells its watchers."""
+
+    def __init__(self, what: str, done: int, total: int) -> None:
+        self.what, self.done, self.total = what, done, total
+
+    def counting(self, advance: Advance) -> Advance:
+        """An `Advance` that counts, too, and stops where the end of a time limit asks for it."""
+
+        def counting(n: int, note: str) -> None:
+            self.done += n
+            advance(n, note)
+            stop_if_asked()
+
+        return counting
+
+    def parts(self, parts: str) -> None:
+        """Tell the watchers at which parts worker processes are."""
+        for watcher in [*_watchers]:
+            try:
+                watcher(self.what, self.done, self.total, parts)
+            except Exception as error:  # what is shown stops no work
+                _watchers.remove(watcher)
+                say(f"progress is told no more: {error}")
+
+
+@contextmanager
+def _hidden(told: _Told) -> Iterator[Advance]:
+    with _watching(told.parts):
+        yield silent
+
+
+@contextmanager
+def _bar(told: _Told, at_most: bool) -> Iterator[Advance]:
+    columns = (TextColumn("{task.description}"), BarColumn(), MofNCompleteColumn(), TimeElapsedColumn())
+    bound = (TextColumn("at most"),) if at_most else ()
+    left = (*bound, TimeRemainingColumn(), TextColumn("{task.fields[note]} {task.fields[parts]}"))
+    with Progress(*columns, *left, console=Console(stderr=True)) as bar:
+        task = bar.add_task(told.what, total=told.total, completed=told.done, note="", parts="")
+        with _watching(told.parts, lambda parts: bar.update(task, parts=parts)):
+            yield lambda n, note: bar.update(task, advance=n, note=note)
+
+
+@contextmanager
+def _lines(told: _Told, at_most: bool) -> Iterator[Advance]:
+    began = last = time.monotonic()
+    before, spoken = told.done, began - SECONDS_BETWEEN_LINES
+
+    def line(shown: str) -> None:
+        print(f"{told.what} {told.done}/{told.total}{f'  {shown}' if shown else ''}", file=sys.stderr, flush=True)
+
+    def advance(_: int, note: str) -> None:
+        nonlocal last
         now = time.monotonic()
-        if done >= total or now - last >= SECONDS_BETWEEN_LINES:
+        if told.done >= told.total or now - last >= SECONDS_BETWEEN_LINES:
             last = now
-            known = before < done < total and (at_most or not note)
-            left = time_left((now - began) / (done - before) * (total - done)) if known else ""
-            shown = ", ".join(filter(None, (note, f"at most {left}" if left and at_most else left)))
-            print(f"{what} {done}/{total}{f'  {shown}' if shown else ''}", file=sys.stderr, flush=True)
+            known = before < told.done < told.total and (at_most or not note)
+            left = time_left((now - began) / (told.done - before) * (told.total - told.done)) if known else ""
+            line(", ".join(filter(None, (note, f"at most {left}" if left and at_most else left))))
 
     def parted(parts: str) -> None:
-        if parts:
-            print(f"{what} {done}/{total}  {parts}", file=sys.stderr, flush=True)
+        nonlocal spoken
+        if parts and time.monotonic() - spoken >= SECONDS_BETWEEN_LINES:
+            spoken = time.monotonic()
+            line(parts)
 
-    with _watching(parted, SECONDS_BETWEEN_LINES):
-        yield _stoppable(advance)
+    with _watching(told.parts, parted):
+        yield advance
 
 
 @contextmanager
@@ -91,20 +135,37 @@ def parts_of_workers() -> Iterator[dict[str, str]]:
             _folders.remove(Path(folder))
 
 
+@contextmanager
+def watched(watcher: Watcher) -> Iterator[None]:
+    """Within it `track` also tells a watcher, shown or not: after two seconds, then every second.
+
+    A watcher that fails is told nothing more, and the work goes on.
+    """
+    _watchers.append(watcher)
+    try:
+        yield
+    finally:
+        if watcher in _watchers:
+            _watchers.remove(watcher)
+
+
 _folders: list[Path] = []
+_watchers: list[Watcher] = []
 
 
 @contextmanager
-def _watching(shown: Callable[[str], None], every_s: float) -> Iterator[None]:
-    """Call `shown` with what worker processes are at: after two seconds, then so often, as long as this lasts."""
+def _watching(*shown: Callable[[str], None]) -> Iterator[None]:
+    """Call each with what worker processes are at: after two seconds, then every second, as long as this lasts."""
     ended = Event()
 
     def watch() -> None:
         wait_s = 2 * SECONDS_BETWEEN_PARTS
         while not ended.wait(wait_s):
-            wait_s = every_s
-            told = sorted(path for folder in _folders for path in folder.glob("*.txt"))
-            shown("; ".join(filter(None, map(_content, told))))
+            wait_s = SECONDS_BETWEEN_PARTS
+            paths = sorted(path for folder in _folders for path in folder.glob("*.txt"))
+            parts = "; ".join(filter(None, map(_content, paths)))
+            for each in shown:
+                each(parts)
 
     watcher = Thread(target=watch, daemon=True)
     watcher.start()
@@ -128,10 +189,10 @@ class _At:
     what, done, first, began, last = "", 0, 0, 0.0, 0.0
 
 
-def at(what: str, done: int = 0, total: int = 0) -> None:
+def at(what: str, done: int = 0, total: int = 0, note: str = "") -> None:
     """In a worker process: tell the one that waits for it at which part of its job it is, at most once a second.
 
-    An empty `what` ends the part. Elsewhere this does nothing.
+    An empty `what` ends the part, and one without a `total` is told alone. Elsewhere this does nothing.
     """
     folder, now = os.environ.get(PARTS), time.monotonic()
     if folder is None:
@@ -151,7 +212,7 @@ def at(what: str, done: int = 0, total: int = 0) -> None:
         known = _At.first < done < total
         left = f", {time_left((now - _At.began) / (done - _At.first) * (total - done))}" if known else ""
         draft = path.with_suffix(".new")
-        draft.write_text(f"{what} {done}/{total}{left}", encoding="utf-8")
+        draft.write_text(f"{what} {done}/{total}{note}{left}" if total else what, encoding="utf-8")
         draft.replace(path)
 
 
@@ -166,14 +227,6 @@ def counting(what: str, total: int) -> Callable[..., None]:
 
     at(what, 0, total)
     return advance
-
-
-def _stoppable(advance: Advance) -> Advance:
-    def stopping(n: int, note: str) -> None:
-        advance(n, note)
-        stop_if_asked()
-
-    return stopping
 
 
 def time_left(seconds: float) -> str:

@@ -3,8 +3,6 @@
 import importlib.metadata
 import platform
 
-import torch
-
 from neurotact import __version__
 from neurotact.backend import native
 
@@ -16,6 +14,8 @@ def versions() -> dict[str, str]:
 
     `instructions` are those that torch computes with, such as AVX2: with others, its last bits differ.
     """
+    import torch  # a process that only starts others does without
+
     known = {name: importlib.metadata.version(name) for name in PACKAGES}
     backend = "native" if native is not None else "reference"
     return {

@@ -24,8 +24,6 @@ from pathlib import Path
 from threading import Thread
 from typing import Any
 
-import torch
-
 import neurotact
 from neurotact.backend import THREADS, native
 from neurotact.errors import InputError
@@ -137,7 +135,7 @@ def _context() -> BaseContext:
         return get_context("spawn")
     context = get_context("forkserver")
     loaded = [name for name in sys.modules if name.startswith(ROOMS) and not name.startswith(UNUSED)]
-    context.set_forkserver_preload([*loaded, *_preloaded])
+    context.set_forkserver_preload([*loaded, *_preloaded, f"{neurotact.__name__}.loaded"])
     return context
 
 
@@ -263,6 +261,8 @@ def one_thread() -> AbstractContextManager[None]:
 @contextmanager
 def threads(n: int) -> Iterator[None]:
     """Within it torch uses `n` threads."""
+    import torch
+
     before = torch.get_num_threads()
     torch.set_num_threads(n)
     try:
@@ -283,6 +283,8 @@ def _settle() -> None:
 
     Warnings are printed in one line, as in the parent.
     """
+    import torch
+
     torch.set_num_threads(1)
     warnings.showwarning = lambda message, *_: say(message)
     signal.signal(signal.SIGINT, signal.SIG_IGN)

@@ -10,16 +10,17 @@ import torch
 from neurotact_parts.opponents import rounding
 from numpy.typing import ArrayLike
 from sklearn.base import BaseEstimator, ClassifierMixin, TransformerMixin
-from sklearn.linear_model import RidgeClassifierCV
+from sklearn.linear_model import RidgeClassifier, RidgeClassifierCV
 from sklearn.pipeline import make_pipeline
 from sklearn.preprocessing import StandardScaler
 from sklearn.utils import check_random_state
 from sklearn.utils.validation import check_is_fitted
 
-from neurotact.baselines.opponent import Opponent, rounded
+from neurotact.baselines.opponent import Opponent, part_of, rounded, say_once
 from neurotact.checks import at_least, sequences, trial_labels
 from neurotact.errors import InputError
 from neurotact.metrics.flops import Cost, Dense, Layer, Standardise, passed, with_weights
+from neurotact.progress import counting
 
 KERNEL = 9
 """Weights of a kernel: three are 2, the others -1."""
@@ -34,6 +35,8 @@ GOLDEN = (5**0.5 + 1) / 2
 AT_ONCE = 64
 """Sequences in one computation, which bounds its memory."""
 ALPHAS = tuple(np.logspace(-3, 3, 10).tolist())
+MOST_SEARCHED = 2000
+"""Training trials on which the penalty is searched: leaving out each in turn takes time with the third power."""
 
 
 class Convolution(NamedTuple):
@@ -108,8 +111,13 @@ class MiniRocket(TransformerMixin, BaseEstimator):
                 f"X: sequences are {signals.shape[1:]}, those of training ({self.n_steps_}, {self.n_channels_}); "
                 "give the same (time, channel)"
             )
-        parts = torch.from_numpy(signals).split(AT_ONCE)
-        return np.concatenate([self._transform(part) for part in parts])
+        n, features = len(signals), sum(len(one.biases) for one in self.convolutions_)
+        shares, advance = np.empty((n, features), np.float32), counting("MiniRocket", n)
+        for first in range(0, n, AT_ONCE):
+            part = torch.from_numpy(signals[first : first + AT_ONCE])
+            shares[first : first + AT_ONCE] = self._transform(part)
+            advance(len(part))
+        return shares
 
     def _transform(self, signals: torch.Tensor) -> np.ndarray:
         features = []
@@ -143,7 +151,17 @@ class MiniRocketClassifier(ClassifierMixin, BaseEstimator):
         self.transform_ = MiniRocket(self.features, self.random_state)
         features = self.transform_.fit_transform(X)
         labels = trial_labels(y, len(features))
-        self.ridge_ = make_pipeline(StandardScaler(), RidgeClassifierCV(alphas=ALPHAS)).fit(features, labels)
+        some = part_of(labels, MOST_SEARCHED)
+        ridge = make_pipeline(StandardScaler(), RidgeClassifierCV(alphas=ALPHAS)).fit(features[some], labels[some])
+        if len(some) < len(labels):
+            say_once(
+                f"baselines: the penalty of MiniRocket is searched on {len(some):,} training windows, evenly of each "
+                "class; it is fitted to all"
+            )
+            features = features.astype(np.float64)
+            last = RidgeClassifier(ridge[-1].alpha_, copy_X=False, solver="cholesky")
+            ridge = make_pipeline(StandardScaler(copy=False), last).fit(features, labels)
+        self.ridge_ = ridge
         self.classes_ = self.ridge_.classes_
         return self
 

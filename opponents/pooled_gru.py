@@ -19,12 +19,15 @@ from neurotact.checks import at_least, fraction, sequences, trial_labels
 from neurotact.errors import InputError
 from neurotact.metrics.flops import SIGMOID, TANH, Cost, Dense, Layer, changed, in_registers, passed, with_weights
 from neurotact.networks.definition.optimisers import kind_of
+from neurotact.progress import at
 
 GRU_HIDDEN = (64, 128)
 BATCHES, MOST_BATCH, LEAST_BATCH = 16, 64, 8
 """Batches of an epoch that are aimed at, and the limits of a batch."""
 LEAST_STEPS, LEAST_EPOCHS, MOST_EPOCHS = 800, 40, 200
 """Training steps that few windows get by more epochs."""
+MOST_STEPS, FEWEST_EPOCHS = 2400, 10
+"""Training steps that many windows get by fewer epochs, and the fewest epochs."""
 LEARNED = 0.01
 """Mean loss, of the training and of the validation trials, at which training ends if all of them are right: nothing is
 left to learn. The default network ends by the same rule."""
@@ -90,7 +93,8 @@ class PooledGRUClassifier(ClassifierMixin, BaseEstimator):
             held = held_X, torch.from_numpy(indices_of(validation[1], self.classes_))
         batch = min(MOST_BATCH, max(LEAST_BATCH, round(len(labels) / BATCHES)))
         per_epoch = math.ceil(len(labels) / batch)
-        self.epochs_ = self.epochs or min(MOST_EPOCHS, max(LEAST_EPOCHS, math.ceil(LEAST_STEPS / per_epoch)))
+        least = max(FEWEST_EPOCHS, min(LEAST_EPOCHS, MOST_STEPS // per_epoch))
+        self.epochs_ = self.epochs or min(MOST_EPOCHS, max(least, math.ceil(LEAST_STEPS / per_epoch)))
         with torch.random.fork_rng(devices=[]):  # drop-out draws from torch's own generator
             torch.manual_seed(int(check_random_state(self.random_state).randint(2**31 - 1)))
             self.network_ = _PooledGRU(self.n_channels_, self.hidden, len(self.classes_), self.dropout)
@@ -116,6 +120,7 @@ class PooledGRUClassifier(ClassifierMixin, BaseEstimator):
         best: tuple[float, float] = (-1.0, 0.0)
         kept: dict[str, Tensor] = {}
         for epoch in range(1, self.epochs_ + 1):
+            at(f"GRU of {self.hidden}", epoch - 1, self.epochs_)
             self.network_.train()
             n_right, total = 0, 0.0
             for chosen in torch.randperm(len(labels)).split(batch):

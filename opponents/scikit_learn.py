@@ -1,18 +1,18 @@
 """The opponents whose estimators are scikit-learn's, sized on validation examples, and the cost of each decision."""
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
 from neurotact_parts.opponents import rounding
 from neurotact_parts.opponents.kernel_machines import SupportVectorMachines
-from sklearn.ensemble import ExtraTreesClassifier
+from sklearn.ensemble import ExtraTreesClassifier, ExtraTreesRegressor
 from sklearn.metrics.pairwise import rbf_kernel
 from sklearn.neighbors import KNeighborsClassifier
 from sklearn.svm import SVC
 
-from neurotact.baselines.opponent import Opponent, Settings, Sides
+from neurotact.baselines.opponent import Opponent, Settings, Sides, part_of, say_once
 from neurotact.metrics.flops import Cost, Dense, Layer, NearestPoints, passed, with_weights
 from neurotact.metrics.linear import linear
 
@@ -24,8 +24,8 @@ SVM_GAMMAS, SVM_CS = (0.0625, 0.25, 1.0, 4.0), (1.0, 10.0, 100.0)
 """Gamma, before division by the number of features."""
 MOST_MACHINES = 10_000
 """Training examples up to which support vector machines are fitted: their time grows with the square of the number."""
-MOST_SHARED = 5000
-"""Training examples up to which machines share a kernel, of 200 MB then, as much as libsvm keeps."""
+MOST_SEARCHED, FITTED = 2000, 2
+"""Training examples on which C and gamma are searched, and how many of the settings are then fitted to all of them."""
 
 
 LOGISTIC_REGRESSION = Opponent(
@@ -92,10 +92,28 @@ def _machines(shared: Kernel | None = None, **settings: Any) -> RBFMachines:
 
 
 def _svm_grid(sides: Sides, seed: int) -> Iterator[Settings]:
-    n_features, kernel = sides.train.shape[1], Kernel(sides.train, sides.validation)
-    shared = kernel if len(sides.train) <= MOST_SHARED else None
-    yield from ({"C": c, "gamma": gamma / n_features, "shared": shared} for gamma in SVM_GAMMAS for c in SVM_CS)
+    some, n_features = part_of(sides.y_train, MOST_SEARCHED), sides.train.shape[1]
+    is_all = len(some) == len(sides.train)
+    part = sides if is_all else sides._replace(train=sides.train[some], y_train=sides.y_train[some])
+    kernel = Kernel(part.train, part.validation)
+    grid = [{"C": c, "gamma": gamma / n_features, "shared": kernel} for gamma in SVM_GAMMAS for c in SVM_CS]
+    yield from grid if is_all else _best_on(part, grid)
     kernel.forget()
+
+
+def _best_on(part: Sides, grid: Sequence[Settings]) -> Iterator[Settings]:
+    """The settings that are most accurate on validation examples after a fit to a part of those of training.
+
+    Of equal ones the first, of fewer support vectors.
+    """
+    say_once(
+        f"baselines: C and gamma of support vector machines are searched on {len(part.train):,} training windows, "
+        f"evenly of each class; the best {FITTED} settings are fitted to all"
+    )
+    fitted = [_machines(**settings).fit(part.train, part.y_train) for settings in grid]
+    right = [float((one.predict(part.validation) == part.y_validation).mean()) for one in fitted]
+    best = sorted(range(len(grid)), key=lambda n: (-right[n], fitted[n].n_support_.sum()))
+    yield from ({**grid[n], "shared": None} for n in best[:FITTED])
 
 
 def _svm_words(fitted: SVC) -> str:
@@ -138,7 +156,7 @@ class Trees(Layer):
         return with_weights(parameters, acs=sums, comparisons=compared, **moved)
 
 
-def mean_depth(forest: ExtraTreesClassifier, features: np.ndarray) -> float:
+def mean_depth(forest: ExtraTreesClassifier | ExtraTreesRegressor, features: np.ndarray) -> float:
     """Comparisons from the root to a leaf, a mean over trees and examples `(example, feature)`."""
     checked = features.astype(np.float32)  # as trees hold them, once for all
     paths = (tree.decision_path(checked, check_input=False) for tree in forest.estimators_)

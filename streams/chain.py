@@ -65,6 +65,7 @@ class Chain(NamedTuple):
     sampling_rate_Hz: float
     taxels: tuple[str, ...] | None = None
     takes_events: bool = False
+    tells_numbers: bool = False
 
     @property
     def clock_Hz(self) -> float:  # noqa: N802
@@ -110,12 +111,12 @@ def chain_of(source: Fitted | Restored | tuple[EncoderSpec, RSNN], streamed: Str
     recordings that the network was trained on, where it is known; otherwise it is equal to the clock.
     Raises InputError, which names the fix, for what cannot run sample by sample.
     """
-    rule, classes, trained = FULL_WINDOW, None, WindowSpec()
+    rule, classes, trained, tells_numbers = FULL_WINDOW, None, WindowSpec(), False
     sampling_rate_Hz, recorded_Hz = streamed.sampling_rate_Hz, None
     taxels: tuple[str, ...] | None = None
     if isinstance(source, Restored) or not isinstance(source, tuple):
         restored = cast(Restored, source) if isinstance(source, Restored) else fitted.restore(source)
-        encoder, classes = front_of(restored), restored.classes
+        encoder, classes, tells_numbers = front_of(restored), restored.classes, bool(restored.task.target)
         network = rsnn_of("stream", restored.network)
         rule = restored.exits(not streamed.full_window)
         recorded_Hz, trained = restored.recorded_Hz, restored.task.window
@@ -136,7 +137,7 @@ def chain_of(source: Fitted | Restored | tuple[EncoderSpec, RSNN], streamed: Str
     rate_Hz = _input_rate(encoder, clock_Hz, sampling_rate_Hz)
     _check_range(encoder, conditioning_of(encoder, rate_Hz).clock_Hz(rate_Hz))
     classes = classes or tuple(str(index) for index in range(network.n_classes))
-    return Chain(encoder, network.cpu(), rule, classes, windows, rate_Hz, taxels, takes_events)
+    return Chain(encoder, network.cpu(), rule, classes, windows, rate_Hz, taxels, takes_events, tells_numbers)
 
 
 def front_of(restored: Restored) -> EncoderSpec | None:

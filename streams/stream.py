@@ -114,8 +114,9 @@ class Stream:
         self._classes = self.chain.classes
         self._compiled: CompiledStream | None = None
         is_plain = isinstance(encoder, AfferentSpec) and encoder.is_plain
-        compilable = self.chain.network.w_in.device.type == "cpu" and is_plain and not is_exact(encoder)
-        if use_native(backend, compilable, "a network on the CPU, and plain SA-I and RA-I on a clock"):
+        is_fit = is_plain and not is_exact(encoder) and not self.chain.tells_numbers
+        compilable = self.chain.network.w_in.device.type == "cpu" and is_fit
+        if use_native(backend, compilable, "a network of classes on the CPU, and plain SA-I and RA-I on a clock"):
             self._compiled = CompiledStream(self._used, self.conditioner, self._most_samples)
         self._channels: Channels | None = None
         if self.chain.takes_events:
@@ -463,7 +464,7 @@ class Stream:
                 decisions.append(
                     self._decision(
                         after.window, after.start, after.steps, int(leader.index[0]), after.input_spikes,
-                        after.hidden_spikes, after.held, bool(leader.heard[0]), after.sops,
+                        after.hidden_spikes, after.held, bool(leader.heard[0]), after.sops, readout=leader.counts[0],
                     )
                 )  # fmt: skip
             else:
@@ -491,11 +492,16 @@ class Stream:
 
     def _decision(
         self, window: int, start: int, steps: int, index: int, inputs: int, hidden: int, held: int, is_heard: bool,
-        sops: int = 0,
+        sops: int = 0, *, readout: torch.Tensor | None = None,
     ) -> Decision:  # fmt: skip
-        """sops: of a pruned network; others have the same number a spike."""
+        """sops: of a pruned network; others have the same number a spike. readout: its values, of numbers."""
         rate_Hz, clock_Hz = self._rates_Hz
         time_s = self._state.origin / rate_Hz + (start + steps) / clock_Hz
         sops = self._sops[0] * inputs + self._sops[1] * hidden if self._fans is None else sops
         label, ms = self._classes[index], 1e3 * steps / clock_Hz
-        return Decision(window, time_s, start, label, index, steps, ms, inputs, hidden, sops, held, is_heard)
+        decision = Decision(window, time_s, start, label, index, steps, ms, inputs, hidden, sops, held, is_heard)
+        if readout is None or not self.chain.tells_numbers:
+            return decision
+        values = dict(zip(self._classes, readout.tolist(), strict=True))
+        text = ", ".join(f"{name} = {value:.6g}" for name, value in values.items())
+        return decision._replace(label=text, index=0, values=values)

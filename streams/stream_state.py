@@ -19,6 +19,7 @@ class Decision(NamedTuple):
     input_spikes, hidden_spikes: in those steps. sops: synaptic operations in them, in total.
     held: number of steps that use repeated values, because their own were missing or not finite.
     heard: whether the readout changed; if not, the class was chosen by its index alone.
+    values: of a network that tells numbers, each target and its value, in its unit; `label` then holds them as text.
 
     >>> decision = next(nt.stream("run", "touch.h5").decisions)
     >>> decision.ms == 1e3 * decision.steps / 1000.0
@@ -37,6 +38,7 @@ class Decision(NamedTuple):
     sops: int
     held: int
     heard: bool
+    values: dict[str, float] | None = None
 
 
 class Trace(NamedTuple):

@@ -19,7 +19,7 @@ BESIDE = sorted(path for room in ROOMS for path in (PACKAGE.parent / room).rglob
 FLOORS = (
     ("errors",),
     ("interrupt", "effects", "classes", "lazily"),
-    ("files", "progress", "backend", "notebook", "repeated_warnings"),
+    ("files", "loaded", "progress", "backend", "notebook", "repeated_warnings"),
     ("spec", "effects", "neurons", "tables", "checks", "plugins", "workers", "versions"),
     ("data",),
     ("metrics",),

@@ -11,6 +11,7 @@ import shlex
 import shutil
 import sys
 from collections.abc import Iterator
+from dataclasses import replace
 from importlib.util import find_spec
 from pathlib import Path
 from typing import Any, NamedTuple
@@ -395,6 +396,7 @@ WAYS = {
                 "--device": "tests/networks/test_resumable.py",
                 "--augmentation": "tests/networks/test_model_selection.py",
                 "--balance": "tests/networks/test_balancing.py",
+                "--target": "tests/networks/test_numbers.py",
             },
             is_slow=True,
         )
@@ -476,6 +478,18 @@ WAYS = {
             },
             {"--seed": "--seed 0 --epochs 0"},
             {"--spikes": MOVED},
+        )
+    ],
+    "learn": [
+        Way(
+            "learn in/sums in/wool.h5 -o t --touches 2",
+            {
+                "-o": "-o other",
+                "--touches": "--touches 3",
+                "--force": TWICE,
+                "--json": "--json",
+            },
+            tested={"--spikes": MOVED},
         )
     ],
     "save": [
@@ -771,6 +785,10 @@ def further() -> None:
         spikes = nt.load("spikes.h5")
         assert isinstance(spikes, nt.SpikeTrains)
         nt.to_nwb(spikes, "spikes.nwb")
+    sums = made_inputs.NETWORK | {"readout": "integrator", "recipe": None}
+    nt.train("spikes.h5", "sums", "rsnn", sums, window=nt.Window(length_ms=50, start_ms=80))
+    wool = nt.load("spikes.h5")
+    nt.save(replace(wool, conditions=wool.conditions.assign(label="wool")), "wool.h5")
     for name in ("tiny.toml", "tiny-encoder.toml"):
         shutil.copy(ROOT / "tests" / "studies" / name, name)
 
@@ -894,8 +912,8 @@ NAMES = {"settings": "--set", "length_ms": "--window-ms", "folder": "-o", "path"
          "out": "-o",
     "leave_out_units": "--units",
     "source": "--from",}  # fmt: skip
-INPUTS = {"spikes", "run", "study", "recordings", "name", "path", "what", "source", "block", "parts", "network",
-          "folder", "column", "file", "decisions", "tell", "show", "check", "kind", "options"}  # fmt: skip
+INPUTS = {"spikes", "run", "touched", "study", "recordings", "name", "path", "what", "source", "block", "parts",
+          "network", "folder", "column", "file", "decisions", "tell", "show", "check", "kind", "options"}  # fmt: skip
 """What a function works on, and whom it tells."""
 HERE, NWB, NEO = "tests/test_options.py", "tests/data/readers/test_nwb.py", "tests/data/test_neo_blocks.py"
 DECODING = "tests/encoders/test_decoding.py"

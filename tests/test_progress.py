@@ -102,6 +102,10 @@ def test_a_process_that_is_no_worker_tells_nobody(monkeypatch, tmp_path):
     advance = progress.counting("encode", 3)
     assert told.read_text() == "encode 0/3"
     advance(1)
+    progress.at("read")
+    assert told.read_text() == "read"
+    progress.at("fit", 1, 5, ", loss 0.5")
+    assert told.read_text() == "fit 1/5, loss 0.5"
     progress.at("")
     assert not [*tmp_path.iterdir()]
     monkeypatch.setenv(progress.PARTS, str(tmp_path / "gone"))

@@ -1,13 +1,19 @@
 """A command imports what it uses: none that describes waits for torch, and none that reads or shows for scipy."""
 
+import inspect
 import json
 import os
 import subprocess
 import sys
+from pathlib import Path
 
 import pytest
+import torch
+from hypothesis import given
+from hypothesis import strategies as st
 
 import neurotact as nt
+from neurotact.networks.definition import optimisers
 
 COMMANDS = """
 import json, sys
@@ -64,6 +70,31 @@ def test_what_reads_and_shows_loads_no_more_than_tables_need(table, tmp_path):
     assert {name: each for name, modules in found.items() if (each := ALL & {*modules})} == {}
     assert "pandas" not in found["show sa1-ra1-lif"]
     assert len(nt.load(tmp_path / "touches.h5")) == 6
+
+
+def test_a_study_waits_for_its_processes_without_what_computes(tmp_path):
+    """Its own process reads, waits and writes tables; the server of processes loads torch once for all others."""
+    words = f"study run {Path(__file__).parent / 'studies' / 'tiny.toml'} -o run --set sweep.seed=[0]"
+    changes = ["--set", "sweep.network.hidden=[4]", "--set", "network.training.epochs=1"]
+    (found,) = run(tmp_path, FILES, json.dumps([[*words.split(), *changes]])).values()
+    assert not {"torch", "matplotlib"} & {*found}
+    assert (tmp_path / "run" / "report.html").is_file()
+
+
+def test_the_server_of_processes_puts_nothing_off():
+    script = (
+        "import sys\nfrom neurotact.lazily import lazily\n"
+        "with lazily():\n    import neurotact.studies.networks, pandas\n"
+        "import neurotact.loaded\nprint({type(each).__name__ for each in sys.modules.values()} & {'_Late'})"
+    )
+    done = subprocess.run([sys.executable, "-c", script], capture_output=True, text=True, check=True)
+    assert done.stdout == "set()\n"
+
+
+@given(st.sampled_from([*optimisers.USUAL]), st.sampled_from([*optimisers.OPTIONS]))
+def test_what_is_known_of_optimisers_without_torch_is_so(name, option):
+    assert optimisers.named(name) in optimisers.names()
+    assert optimisers.takes(name, option) == (option in inspect.signature(getattr(torch.optim, name)).parameters)
 
 
 def test_the_package_itself_loads_nothing(tmp_path):

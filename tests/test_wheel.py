@@ -70,7 +70,7 @@ import nwb spikes.nwb -o nwb.h5
 export run --to nir -o run.nir
 """
 SETS = ("cluster-haptic-texture", "cost", "st-mnist", "stemnist", "stemnist-pressure", "vt-snn")
-APART = ("live", "save", *(f"import {name}" for name in SETS))
+APART = ("learn", "live", "save", *(f"import {name}" for name in SETS))
 """Commands with tests of their own."""
 DRIVER = """
 import shlex, sys

@@ -46,7 +46,7 @@ SUBJECTS = {
         "Windows and splits",
         "Windows of spikes as an array `(window, time, afferent)` of 0 and 1, with classes `(window,)` and trials "
         "`(window,)`, divided so that no trial is on two sides. Lengths are in ms.",
-        "windows Window Onset Split WindowedSpikes SpikeArray",
+        "windows Window Onset Split Learn WindowedSpikes SpikeArray",
     ),
     "networks": Subject(
         "Networks",
@@ -64,8 +64,8 @@ SUBJECTS = {
         "Streams, devices and exchange",
         "A trained chain in use: sample by sample, `(sample, taxel)`, in the unit of the encoder; as C, in integers, "
         "as NIR, in snnTorch, on a page.",
-        "Stream Streamed Samples Decision stream Flow live export export_c fine_tune save_energy check_chip to_nir "
-        "from_nir export_nir to_nir_data from_nir_data to_snntorch from_snntorch",
+        "Stream Streamed Samples Decision stream Flow live export export_c fine_tune learn save_energy check_chip "
+        "to_nir from_nir export_nir to_nir_data from_nir_data to_snntorch from_snntorch",
     ),
     "studies": Subject(
         "Studies",

@@ -161,7 +161,7 @@ def summary(table: pd.DataFrame) -> Iterator[str]:
 
 
 def _programs(run: Any, out: Path, recordings: str | Path | None, spikes: str | Path | None) -> Iterator[Program]:
-    restored = fitted.restore(run, spikes=spikes)
+    restored = fitted.restore(run, spikes=spikes).of_classes("the bill in C")
     if not restored.encoder:
         raise InputError(f"{run}: was trained on the events of a sensor; a bill needs signals, which an encoder takes")
     trains = run_folder.trained_spikes_of(restored)

@@ -119,6 +119,7 @@ def context_of(chain: Chain, formats: Formats | None, name: str) -> dict[str, An
         "hold": max(1, int(HOLD_MS * 1e-3 * chain.sampling_rate_Hz)), "hold_ms": f"{HOLD_MS:g}",
         "afferent_type": unsigned(network.n_inputs), "neuron_type": unsigned(spec.hidden),
         "class_type": unsigned(network.n_classes),
+        "numbers": chain.tells_numbers, "value_units": _value_units(formats),
         "integrator": integrator, "adapts": network.adaptation is not None, "recurrent": spec.recurrent,
         "direct": spec.hears_afferents,
         "membrane_kind": spec.membrane, "reset": spec.reset,
@@ -137,6 +138,11 @@ def context_of(chain: Chain, formats: Formats | None, name: str) -> dict[str, An
         "weights_out": int(network.fans[2].sum()) if matrices["w_out"].sparse else f"({heard} * CLASSES)",
         **_with_numbers(_in_float(used, matrices) if formats is None else _in_integers(used, formats, matrices), used),
     }  # fmt: skip
+
+
+def _value_units(formats: Formats | None) -> list[str]:
+    """What 1 of each number stands for, in its unit."""
+    return [] if formats is None else [f"{unit:.17g}" for unit in np.atleast_1d(formats.readout.unit).tolist()]
 
 
 def _with_numbers(context: dict[str, Any], used: Chain) -> dict[str, Any]:

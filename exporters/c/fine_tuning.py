@@ -142,7 +142,7 @@ def fine_tune(
         raise InputError(f"{folder}: is the run that is to be fine-tuned; choose another folder")
     with files.locked(folder):
         resumable.check_place(folder, force=force)
-        restored = run_folder.restore(source, spikes=spikes)
+        restored = run_folder.restore(source, spikes=spikes).of_classes("fine-tuning")
         trains = run_folder.trained_spikes_of(restored)
         assert restored.spikes_path is not None  # of a folder
         sides = tasks.sides_of(trains, restored.task)

@@ -176,12 +176,12 @@ def decay_bits(state_bits: int) -> int:
 
 
 class Integrator(NamedTuple):
-    """A readout that integrates: weights `(heard, class)` and initial values, in one unit.
+    """A readout that integrates: weights `(heard, class)` and initial values, in one unit; of numbers, each in its own.
 
     stretches: of a window, if each has weights of its own; w is then `(K, heard, class)`.
     """
 
-    unit: float
+    unit: float | np.ndarray
     w: np.ndarray
     bias: np.ndarray
     stretches: Stretches | None = None
@@ -223,7 +223,7 @@ class Layers(NamedTuple):
         return Steps(
             hidden.unit * 2.0**hidden.shift,
             None if hidden.v is None else hidden.unit * 2.0**hidden.shift_rec,
-            readout.unit * 2.0**shift,
+            float(np.max(readout.unit)) * 2.0**shift,
         )
 
 
@@ -255,8 +255,9 @@ def choose(
     """
     largest, n_steps = (ranges.hidden, ranges.readout), chain.windows.length
     hidden, readout = layers_of(
-        chain.network, largest, weight_bits=weight_bits, state_bits=state_bits, n_steps=n_steps, steps=steps
-    )
+        chain.network, largest, weight_bits=weight_bits, state_bits=state_bits, n_steps=n_steps, steps=steps,
+        tells_numbers=chain.tells_numbers,
+    )  # fmt: skip
     raw = _raw(ranges, lsb)
     if lsb is None and ranges.is_whole and _reach(ranges, 0.0) <= 32767 and _is_fine(chain, Raw(1.0, 0.0)):
         raw = Raw(1.0, 0.0)
@@ -271,6 +272,7 @@ def layers_of(
     state_bits: int | None,
     n_steps: int,
     steps: Steps | None = None,
+    tells_numbers: bool = False,
 ) -> Layers:
     """The layers of a network in integers; InputError if a value does not fit.
 
@@ -278,8 +280,9 @@ def layers_of(
     weight_bits: 2 to 8. state_bits: 8 to 16, or 24; None: 16 if rounding leaks little compared with the time constants
     (`MOST_LEAK`), else 24. n_steps: of a window.
     steps: of the weights, from fine-tuning; None: the largest weight of a layer fills its bits.
+    tells_numbers: each readout neuron has a unit of its own, since no two are compared.
     """
-    options = {"weight_bits": weight_bits, "n_steps": n_steps, "steps": steps}
+    options = {"weight_bits": weight_bits, "n_steps": n_steps, "steps": steps, "tells_numbers": tells_numbers}
     if state_bits is None:
         layers = layers_of(network, seen, state_bits=16, **options)
         leaks = [layer.rounding_leak for layer in layers if isinstance(layer, Layer)]
@@ -293,7 +296,7 @@ def layers_of(
     w_in, w_rec, w_out = steps or (None, None, None)
     hidden = _layer(network, 0, (network.w_in, network.w_rec), seen[0], bits, (w_in, w_rec))
     if network.bias is not None:
-        return Layers(hidden, _integrator(network, weight_bits, n_steps, w_out))
+        return Layers(hidden, _integrator(network, weight_bits, n_steps, w_out, tells_numbers=tells_numbers))
     return Layers(hidden, _layer(network, 1, (network.w_out, None), seen[1], bits, (w_out, None)))
 
 
@@ -443,7 +446,7 @@ def _dynamics(network: RSNN, index: int) -> list[float]:
     return [alpha, beta, threshold]
 
 
-def _integers(weights: np.ndarray, step: float, top: int) -> np.ndarray:
+def _integers(weights: np.ndarray, step: float | np.ndarray, top: int) -> np.ndarray:
     return np.rint(weights / step).clip(-top, top).astype(np.int64)
 
 
@@ -471,11 +474,17 @@ def _shift(step: float, least_unit: float, most_shift: int) -> int:
     return min(max(0, math.floor(math.log2(step / least_unit))), most_shift)
 
 
-def _integrator(network: RSNN, weight_bits: int, n_steps: int, step: float | None) -> Integrator:
+def _integrator(
+    network: RSNN, weight_bits: int, n_steps: int, step: float | None, *, tells_numbers: bool
+) -> Integrator:
     assert network.bias is not None
     w, bias = (np.asarray(matrix.detach().double()) for matrix in (network.readout_weights, network.bias))
     top = 2 ** (weight_bits - 1) - 1
-    unit = step or (float(np.abs(w).max()) or 1.0) / top
+    if tells_numbers:
+        largest = np.abs(w).reshape(-1, w.shape[-1]).max(axis=0)
+        unit = np.where(largest > 0, largest, 1.0) / top
+    else:
+        unit = step or (float(np.abs(w).max()) or 1.0) / top
     integers = _integers(w, unit, top)
     initial = np.rint(bias / unit)
     if np.abs(initial).max() + float(n_steps) * np.abs(integers).sum(axis=-2).max() > LARGEST:

@@ -39,7 +39,7 @@ class Decided(NamedTuple):
     """Decisions of the integer network, `(window,)` int64 each, as `networks.definition.network.Inference`.
 
     heard: whether the readout changed. hidden: spikes of the hidden layer in the simulated steps,
-    `(window, time, hidden)` uint8.
+    `(window, time, hidden)` uint8. readout: counts or values at the decision, `(window, class)` int64.
     """
 
     labels: np.ndarray
@@ -48,6 +48,7 @@ class Decided(NamedTuple):
     hidden_spikes: np.ndarray
     heard: np.ndarray
     hidden: np.ndarray
+    readout: np.ndarray
 
 
 def over(product: np.ndarray, bits: int) -> np.ndarray:
@@ -266,7 +267,7 @@ def infer(
     running = np.full(n_windows, n_steps > 0)
     hidden_raster = np.zeros((n_windows, n_steps, hidden.w.shape[1]), np.uint8)
     labels, steps, input_spikes, hidden_spikes, is_heard = (np.zeros(n_windows, np.int64) for _ in range(5))
-    decided = Decided(labels, steps, input_spikes, hidden_spikes, is_heard, hidden_raster)
+    decided = Decided(labels, steps, input_spikes, hidden_spikes, is_heard, hidden_raster, counts.copy())
     for t in range(n_steps):
         inputs = windows[:, t].astype(np.int64)
         spikes, state = _step(hidden, neuron, inputs, state)
@@ -281,6 +282,7 @@ def infer(
         hidden_raster[running, t] = spikes[running]
         leader = leader.after(torch.from_numpy(increments))
         decided.labels[running], decided.heard[running] = leader.index.numpy()[running], leader.heard.numpy()[running]
+        decided.readout[running] = leader.counts.numpy()[running]
         running = running & ~leader.exits(rule).numpy()
         if not running.any():
             break

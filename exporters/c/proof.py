@@ -4,6 +4,7 @@ QEMU emulates the processor. It also counts instructions: with `-icount`, its cl
 If a tool is not installed, the step is skipped, and the reason names the tool.
 """
 
+import re
 import shutil
 import struct
 import subprocess
@@ -30,7 +31,7 @@ class Spoken(NamedTuple):
 
     afferents: numbers of the afferents that spiked, one tuple per step. hidden: the same for the hidden neurons of each
     window. decisions: window, start step, steps, input spikes, hidden spikes, of a pruned network synaptic operations,
-    whether the readout changed, and label, in the order of windows.
+    whether the readout changed, and label, in the order of windows; where numbers are told, then their values.
     """
 
     afferents: list[tuple[int, ...]]
@@ -219,7 +220,7 @@ def _packed(trials: Sequence[np.ndarray]) -> bytes:
 
 def _parsed(output: bytes, name: str, folder: Path) -> tuple[list[Spoken], Ticks]:
     afferent, neuron = (_size_of(kind, name, folder) for kind in ("afferents", "neurons"))
-    row = struct.Struct("<8I" if _counts_sops(name, folder) else "<7I")
+    row = struct.Struct(("<8I" if _counts_sops(name, folder) else "<7I") + _values(name, folder))
     trials, offset = [], 0
     ticks: list[list[int]] = [[]]
     afferents: list[tuple[int, ...]] = []
@@ -269,6 +270,14 @@ def _counts_sops(name: str, folder: Path) -> bool:
     return "uint32_t sops;" in (folder / f"{name}.h").read_text()
 
 
+def _values(name: str, folder: Path) -> str:
+    """The format of the numbers that a decision tells, by the header; empty where it tells a class."""
+    header = (folder / f"{name}.h").read_text()
+    kind = re.search(r"(double|int32_t) values\[", header)
+    n = re.search(r"_CLASSES (\d+)", header)
+    return f"{n[1]}{'d' if kind[1] == 'double' else 'i'}" if kind and n else ""
+
+
 def _call(command: list[str], folder: Path, data: bytes = b"") -> bytes:
     try:
         done = subprocess.run(command, cwd=folder, input=data, capture_output=True, timeout=LONGEST_S, check=False)
@@ -281,21 +290,24 @@ def _call(command: list[str], folder: Path, data: bytes = b"") -> bytes:
 
 
 def spoken_of(
-    rasters: np.ndarray, starts: np.ndarray, hidden: np.ndarray, decided: np.ndarray, steps_per_bin: int = 1
-) -> Spoken:
+    rasters: np.ndarray, starts: np.ndarray, hidden: np.ndarray, decided: np.ndarray, steps_per_bin: int = 1,
+    values: np.ndarray | None = None,
+) -> Spoken:  # fmt: skip
     """The output of a twin for a trial, in the format of a chain in C.
 
     rasters: afferents `(step, afferent)`; starts: of windows; hidden: `(window, bin, hidden)`; decided: label, steps,
     input spikes, hidden spikes, of a pruned network operations, and whether the readout changed, of each window.
-    steps_per_bin: steps in a bin.
+    steps_per_bin: steps in a bin. values: numbers that are told, `(window, target)`.
     """
+    told = np.empty((len(decided), 0)) if values is None else values
     rows = [tuple(np.flatnonzero(row).tolist()) for row in rasters]
     windows = {}
     decisions = []
-    for window, (start, raster, row) in enumerate(zip(starts.tolist(), hidden, decided.tolist(), strict=True)):
+    each = zip(starts.tolist(), hidden, decided.tolist(), told.tolist(), strict=True)
+    for window, (start, raster, row, numbers) in enumerate(each):
         label, steps, *counted = row
         windows[window] = [tuple(np.flatnonzero(step).tolist()) for step in raster[: -(-steps // steps_per_bin)]]
-        decisions.append((window, start, steps, *counted, label))
+        decisions.append((window, start, steps, *counted, label, *numbers))
     return Spoken(rows, windows, decisions)
 
 

@@ -33,13 +33,15 @@ ALONE = 2**32 - 1
 class Trials(NamedTuple):
     """The input of a chain in C, and its expected output.
 
-    learned: number of windows of a trial, from the first, that the network was trained on; None: all.
+    labels: the class of each trial, or its numbers `(trial, target)`. learned: number of windows of a trial, from the
+    first, that the network was trained on; None: all. unit: of the values in `expected`.
     """
 
     given: list[np.ndarray]
     expected: list[Spoken]
     labels: np.ndarray
     learned: int | None
+    unit: np.ndarray | float = 1.0
 
 
 def prove(
@@ -55,7 +57,7 @@ def prove(
     """
     trials = trials_of(run, chain, formats, n_trials, recordings, spikes)
     rows = [("windows", sum(len(trial.decisions) for trial in trials.expected))]
-    rows += [("accuracy on windows as in training", _accuracy(trials))]
+    rows += _accuracy(trials, chain.classes)
     with files.scratch() as folder:
         c_export.write(chain, folder, formats, name=NAME, parts=c_export.HARNESS)
         rows += [*_on_this_machine(folder, trials, say)]
@@ -92,7 +94,8 @@ def twin_of(
         expected = [expected_in_float(chain, signal) for signal in signals]
     else:
         expected = expected_in_integers(chain, formats, given)
-    return Trials([*map(events_in, signals)] if chain.takes_events else given, expected, labels, learned)
+    unit = 1.0 if formats is None else formats.readout.unit
+    return Trials([*map(events_in, signals)] if chain.takes_events else given, expected, labels, learned, unit)
 
 
 def events_in(raster: np.ndarray) -> np.ndarray:
@@ -125,10 +128,16 @@ def expected_in_integers(chain: Chain, formats: Formats, trials: Sequence[np.nda
     windows = np.concatenate([windows for _, windows in cut])
     made = integer.infer(windows, formats, chain.network.neuron, chain.rule, n)
     spent = _sops(chain, windows, made.hidden, made.steps)
-    decided = np.stack([made.labels, made.steps, made.input_spikes, made.hidden_spikes, *spent, made.heard], axis=1)
+    label, values = _told(chain, made.labels, made.readout)
+    decided = np.stack([label, made.steps, made.input_spikes, made.hidden_spikes, *spent, made.heard], axis=1)
     ends = np.cumsum([len(starts) for starts, _ in cut])[:-1]
-    parts = zip(spikes, cut, np.split(made.hidden, ends), np.split(decided, ends), strict=True)
-    return [spoken_of(raster, starts, hidden, rows, n) for raster, (starts, _), hidden, rows in parts]
+    parts = zip(spikes, cut, *(np.split(each, ends) for each in (made.hidden, decided, values)), strict=True)
+    return [spoken_of(raster, starts, hidden, rows, n, told) for raster, (starts, _), hidden, rows, told in parts]
+
+
+def _told(chain: Chain, labels: np.ndarray, readout: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """The class of each window, 0 where numbers are told, and these, `(window, target)`."""
+    return (np.zeros_like(labels), readout) if chain.tells_numbers else (labels, readout[:, :0])
 
 
 @torch.no_grad()
@@ -143,8 +152,9 @@ def expected_in_float(chain: Chain, trial: np.ndarray) -> Spoken:
     is_simulated = torch.arange(hidden.shape[1]) * n < made.steps[:, None]
     fired = ((readout != 0).any(dim=2) & is_simulated).any(dim=1).long()
     spent = _sops(chain, windows, hidden.numpy(), made.steps.numpy())
-    decided = np.stack([made.labels, made.steps, made.input_spikes, made.hidden_spikes, *spent, fired], axis=1)
-    return spoken_of(raster, starts, hidden.numpy(), decided, n)
+    label, values = _told(chain, made.labels.numpy(), made.readout.numpy())
+    decided = np.stack([label, made.steps, made.input_spikes, made.hidden_spikes, *spent, fired], axis=1)
+    return spoken_of(raster, starts, hidden.numpy(), decided, n, values)
 
 
 def _sops(chain: Chain, windows: np.ndarray, hidden: np.ndarray, steps: np.ndarray) -> list[np.ndarray]:
@@ -200,11 +210,14 @@ def _require_equal(output: list[Spoken], expected: Sequence[Spoken], where: str)
     return sum(len(trial.decisions) for trial in expected)
 
 
-def _accuracy(trials: Trials) -> float:
-    """The share of correct decisions among the decided windows."""
-    is_correct = [
-        row[-1] == label
-        for trial, label in zip(trials.expected, trials.labels, strict=False)
-        for row in trial.decisions[: trials.learned]
-    ]
-    return float(np.mean(is_correct)) if is_correct else float("nan")
+def _accuracy(trials: Trials, names: Sequence[str]) -> list[tuple[str, float]]:
+    """The share of correct decisions among the decided windows, or the root-mean-square error of each number."""
+    each = zip(trials.expected, trials.labels, strict=False)
+    pairs = [(row, label) for trial, label in each for row in trial.decisions[: trials.learned]]
+    where = "on windows as in training"
+    if trials.labels.ndim == 1:
+        return [(f"accuracy {where}", float(np.mean([row[-1] == label for row, label in pairs] or np.nan)))]
+    told = np.array([row[-len(names) :] for row, _ in pairs]).reshape(-1, len(names)) * trials.unit
+    errors = np.square(told - [label for _, label in pairs]).mean(axis=0) ** 0.5
+    said = [f"root-mean-square error of {name} {where}" for name in names]
+    return [*zip(said, errors.tolist(), strict=True)]

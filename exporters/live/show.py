@@ -64,7 +64,7 @@ def live(
     >>> nt.live("run", "gratings")  # doctest: +SKIP
     http://127.0.0.1:40321/...  (press Ctrl-C to stop)
     """
-    if fitted.restore(run).encoder == {}:
+    if fitted.restore(run).of_classes("the live page").encoder == {}:
         raise InputError(
             f"{fitted.name_of(run)}: takes the events of a sensor, of which the page has no view; use neurotact stream"
         )

@@ -46,7 +46,7 @@ ABSENT = "XyloSim is not installed; install it with: pip install xylosim (which 
 def export(run: Fitted, path: str | Path, prove: int, spikes: str | Path | None, *, force: bool, tell: Tell) -> Chip:
     """`door.export_xylo`."""
     files.check_new(path, force=force)
-    restored = fitted.restore(run, spikes=spikes)
+    restored = fitted.restore(run, spikes=spikes).of_classes("a chip of spikes")
     network = rsnn_of("chip", restored.network)
     differences = [*_differences(network, restored)]
     trains = run_folder.trained_spikes_of(restored)

@@ -9,7 +9,7 @@ Other rooms take:
     networks: infer, load_network, result, save_network, sops, summarise, train
     recordings: ARRAY_NAMES, EVENT_NAMES, describe, fetch, load, load_recordings, load_spikes, read, read_arrays,
         read_events, read_folder, read_raster, read_table, save, simulate
-    settings: Events, Layout, Naming, Onset, Search, Split, Window
+    settings: Events, Layout, Learn, Naming, Onset, Search, Split, Window
     specs: keys_of, of_other_packages, spec_names
     studies: is_begun, report_study, resume_study, run_study, study_answer
 """

@@ -177,7 +177,7 @@ def calibrate(
     _check_outputs([Path(file) for file in (out, figure, survives) if file], force, _paths(recordings, encoder))
     split.check_single("calibrate")
     start, given = specs.resolve(encoder, settings), specs.set_keys(encoder, settings)
-    rule = gain_search.CalibrationRule()
+    rule = gain_search.CalibrationRule(every=bool(figure))
     fit, times = calibration.calibration_for(start, settings or {}, apart=tuple(split.test_where))
     if compare:
         spec.refuse(settings or {}, alternatives.COMPARED)

@@ -23,6 +23,7 @@ from neurotact.errors import InputError
 from neurotact.lazily import lazily
 from neurotact.metrics import synops
 from neurotact.metrics.prices import DEFAULT, PriceList, price_list
+from neurotact.networks.definition.learned import LearnSpec
 from neurotact.networks.definition.specs import RSNNSpec, given_keys
 from neurotact.spec import takes_specs
 from neurotact.tables import write_table
@@ -32,7 +33,7 @@ with lazily():
 
     from neurotact.networks.definition import native
     from neurotact.networks.definition import network as definition
-    from neurotact.networks.training import balancing, cautions, cross_validation, outcome, resumable, run_folder, tasks
+    from neurotact.networks.training import cautions, cross_validation, outcome, resumable, run_folder, tasks
     from neurotact.networks.use import fitted, inference, ledger
 
 
@@ -53,7 +54,7 @@ def train(
     leave_out: LeftOut = None,
     split: Splits = Splits(),
     augmentation: str | None = None,
-    balance: "balancing.Balance" = "none",
+    learn: LearnSpec = LearnSpec(),
     exit_tolerance: float = 0.01,
     seed: int = 0,
     device: str = "cpu",
@@ -77,8 +78,11 @@ def train(
     where, leave_out: the trials that are used at all, as of `read`.
     augmentation: which varied copies of training trials are trained on, too, of those in the file (see `encode`); None
         takes them if there is one kind, "none" leaves them out.
-    balance: "classes" weights training windows so that each class counts the same in the loss; "conditions" so
-        that each value of the split's conditions (to test, to group by, to stratify) does within a class, too.
+    learn: what is learned of a window: its class or, as `nt.Learn(target="force_N")`, numbers, and which windows count
+        the same: `nt.Learn(balance="classes")` weights training windows so that each class does in the loss,
+        "conditions" so that each value of the split's conditions (to test, to group by, to stratify) does within a
+        class, too. Of numbers, accuracies are scores: 1 less the squared error in units of the deviation in training;
+        and there are `rmse_NAME`, `mae_NAME` and `r2_NAME` of each target.
     exit_tolerance: validation accuracy that early exit may lose.
     seed: of the weights and of the order of windows. device: a torch device.
     resume: go on with a training that was interrupted. force: replace one that is in the folder.
@@ -94,7 +98,7 @@ def train(
     """
     trains, task = tasks.of_file("train", spikes, window, split, exit_tolerance, where, leave_out)
     kind = tasks.kind_of_copies(trains, augmentation, tell)
-    task = spec.build(tasks.Task, {**task.model_dump(), "augmentation": kind, "balance": balance}, source="train")
+    task = spec.build(tasks.Task, {**task.model_dump(), "augmentation": kind, **learn.model_dump()}, source="train")
     path, spikes = Path(folder), Path(spikes)
     what, given = spec.resolve(RSNNSpec, network, settings), given_keys(network, settings)
     native.device_of(device)

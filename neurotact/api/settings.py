@@ -6,7 +6,8 @@ from neurotact.data.readers.event_spec import EventSpec
 from neurotact.data.readers.folder import NamingSpec
 from neurotact.data.splits import Splits
 from neurotact.data.windows import WindowSpec
+from neurotact.networks.definition.learned import LearnSpec
 from neurotact.networks.definition.space import SearchSpec
 
 Events, Layout, Naming, Onset = EventSpec, LayoutSpec, NamingSpec, OnsetSpec
-Search, Split, Window = SearchSpec, Splits, WindowSpec
+Learn, Search, Split, Window = LearnSpec, SearchSpec, Splits, WindowSpec

@@ -4,7 +4,8 @@ import logging
 from pathlib import Path
 from typing import Any
 
-from neurotact import files, spec, tables
+from neurotact import files, progress, spec, tables
+from neurotact import workers as processes
 from neurotact.api.arguments import Conditions, LeftOut, Settings
 from neurotact.data import hdf5
 from neurotact.data.splits import Splits, SplitSpec, each_left_out
@@ -18,7 +19,7 @@ from neurotact.studies.sweeps import JOIN
 with lazily():
     import pandas as pd
 
-    from neurotact.report import page, report
+    from neurotact.report import report, running
     from neurotact.studies import loading, runner, store
 
 
@@ -95,14 +96,14 @@ def study_answer(folder: str | Path) -> dict[str, Any]:
     >>> nt.study_answer("no-study-yet")["answers"]
     []
     """
-    path = Path(folder) / page.ANSWER
+    path = Path(folder) / store.ANSWER
     answer = files.read_json(path) if path.is_file() else {"answers": [], "cautions": []}
-    places = {page.STUDY: str(Path(folder).absolute())}
+    places = {store.STUDY: str(Path(folder).absolute())}
     for then in [one["next"] for one in answer["answers"] if one.get("next", {}).get("commands")]:
-        if page.RECORDINGS not in places and any(page.RECORDINGS in command for command in then["commands"]):
-            places |= {page.RECORDINGS: str(spec.read(Path(folder) / runner.STUDY)["dataset"].get("file"))}
-        then["commands"] = [page.moved(command, places) for command in then["commands"]]
-    return answer | {"report": str(Path(folder) / page.PAGE)}
+        if store.RECORDINGS not in places and any(store.RECORDINGS in command for command in then["commands"]):
+            places |= {store.RECORDINGS: str(spec.read(Path(folder) / runner.STUDY)["dataset"].get("file"))}
+        then["commands"] = [store.moved(command, places) for command in then["commands"]]
+    return answer | {"report": str(Path(folder) / store.PAGE)}
 
 
 def is_begun(folder: str | Path) -> bool:
@@ -111,16 +112,22 @@ def is_begun(folder: str | Path) -> bool:
 
 
 def _run(study: "loading.Study", folder: Path, workers: int | None, scheduler: str | None) -> "pd.DataFrame":
-    runner.run(study, folder, workers, scheduler)
+    with progress.watched(running.writer(study.title, folder)):
+        runner.run(study, folder, workers, scheduler)
     return _reported(folder)
 
 
 def _reported(folder: Path) -> "pd.DataFrame":
     """Write the figures and the page from the tables of a study; its results."""
-    with store.timed(folder, "report", again=False):
-        report.write(folder)
+    with store.timed(folder, "report", again=False), progress.track("report", 1) as advance:
+        processes.in_a_process(_write_report, folder)  # so that this one needs no torch
+        advance(1, "")
     runner.add_report_time(folder)
     return tables.read_table(folder / "results.csv")
+
+
+def _write_report(folder: Path) -> None:
+    report.write(folder)
 
 
 def _left_out_changes(split: Splits, data: str | Path | None, choice: TrialChoice) -> dict[str, Any]:

@@ -5,9 +5,10 @@ from typing import Any
 from neurotact import plugins
 
 TOOLS = (
-    "Decision", "Flow", "Samples", "Stream", "Streamed", "bundle_study", "check_chip", "conditions_curve", "fine_tune",
-    "from_neo", "from_nir", "from_nir_data", "from_snntorch", "live", "plot_survival", "read_nwb", "save_energy",
-    "stream", "to_neo", "to_nir", "to_nir_data", "to_nwb", "to_snntorch", "tune", "what_survives",
+    "Decision", "Flow", "Samples", "Stream", "Streamed", "bundle_study", "check_chip", "conditions_curve",
+    "fine_tune", "from_neo", "from_nir", "from_nir_data", "from_snntorch", "learn", "live", "plot_survival",
+    "read_nwb", "save_energy", "stream", "to_neo", "to_nir", "to_nir_data", "to_nwb", "to_snntorch", "tune",
+    "what_survives",
 )  # fmt: skip
 
 

@@ -5,6 +5,7 @@ from collections.abc import Iterable
 from dataclasses import dataclass
 
 import numpy as np
+from numpy.typing import DTypeLike
 
 from neurotact.metrics.flops import Cost, Layer, passed, with_weights
 
@@ -18,17 +19,20 @@ def bin_edges(n_samples: int, n_bins: int) -> np.ndarray:
     return np.linspace(0, n_samples, n_bins + 1).round().astype(int)
 
 
-def averaged(pieces: Iterable[np.ndarray], n_bins: int) -> np.ndarray:
+def averaged(pieces: Iterable[np.ndarray], n_bins: int, dtype: DTypeLike = np.float64) -> np.ndarray:
     """Means of each piece `(sample, taxel)` in time bins, `(window, bin, taxel)`; no piece is shorter than the bins.
+
+    dtype: of the means; samples of float32 in bins of one sample each are exact in it.
 
     >>> averaged(np.arange(5.0).reshape(1, 5, 1), 2).ravel().tolist()
     [0.5, 3.0]
     """
-    means = []
-    for piece in pieces:
+    pieces = list(pieces)
+    means = np.empty((len(pieces), n_bins, pieces[0].shape[1]), dtype)
+    for piece, mean in zip(pieces, means, strict=True):
         edges = bin_edges(len(piece), n_bins)
-        means.append(np.add.reduceat(piece, edges[:-1], axis=0, dtype=np.float64) / np.diff(edges)[:, None])
-    return np.array(means)
+        mean[:] = np.add.reduceat(piece, edges[:-1], axis=0, dtype=np.float64) / np.diff(edges)[:, None]
+    return means
 
 
 def counted(rasters: np.ndarray, n_bins: int) -> np.ndarray:

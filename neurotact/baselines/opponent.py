@@ -8,7 +8,7 @@ import warnings
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass
-from functools import partial
+from functools import cache, partial
 from typing import Any, Literal, NamedTuple, TypeVar, get_args
 
 import numpy as np
@@ -19,17 +19,23 @@ from neurotact import plugins
 from neurotact.checks import one_of
 from neurotact.errors import InputError, first_line
 from neurotact.metrics.flops import Cost, Layer, cost
+from neurotact.progress import say
 
 T = TypeVar("T")
 Opponents = Literal["none", "linear", "readout", "quick", "all"]
 """Which opponents a study fits."""
 Takes = Literal["features", "sequences", "signals"]
 Joins = Literal["linear", "quick", "all", "named"]
+Tells = Literal["classes", "numbers"]
 LEVELS = {"linear": 0, "readout": 0, "quick": 1, "all": 2, "named": 3}
 
 
 class Sides(NamedTuple):
-    """Inputs `(example, ...)` and labels `(example,)` for training, validation and test."""
+    """Inputs `(example, ...)` and labels `(example,)` for training, validation and test.
+
+    Labels of numbers are `(example, target)`, standardised on the training side; estimators get those of a single
+    target as `(example,)`.
+    """
 
     train: np.ndarray
     validation: np.ndarray
@@ -40,14 +46,23 @@ class Sides(NamedTuple):
 
 
 def standardised(sequences: np.ndarray, labels: np.ndarray, sides: Sequence[np.ndarray]) -> Sides:
-    """Sequences `(example, time, channel)` of each side, each channel standardised on the training side.
+    """Sequences `(example, time, channel)` of each side, float32, each channel standardised on the training side.
 
     sides: indices or booleans that select the examples of training, validation and test.
     """
     training = sequences[sides[0]]
-    offset, scale = training.mean(axis=(0, 1)), training.std(axis=(0, 1))
-    standard = (sequences - offset) / np.where(scale > 0, scale, 1.0)
-    return Sides(*(standard[side] for side in sides), *(labels[side] for side in sides))
+    offset, scale = (of(axis=(0, 1), dtype=np.float64) for of in (training.mean, training.std))
+    scale = np.where(scale > 0, scale, 1.0)
+    del training
+
+    def standard(side: np.ndarray) -> np.ndarray:
+        chosen = sequences[side]
+        done = np.empty(chosen.shape, np.float32)
+        for values, into in zip(chosen, done, strict=True):
+            into[:] = (values - offset) / scale
+        return done
+
+    return Sides(*map(standard, sides), *(labels[side] for side in sides))
 
 
 class Candidate(NamedTuple):
@@ -92,6 +107,7 @@ class Opponent:
     words: the settings in words, from the fitted estimator.
     rounded: a copy of the fitted estimator whose parameters are whole numbers of so many bits times a step (`rounded`),
         from it, its training input and the bits. Without it, tables say "not rounded".
+    tells: the `classes` of examples or `numbers`.
     joins: studies whose `baselines` are `linear`, `quick` or `all` fit it; `named`: those that ask for it by name.
     is_ordered: False where a grid need not begin with the cheapest: then all are fitted, and the cheapest of the most
         accurate is chosen.
@@ -114,6 +130,7 @@ class Opponent:
     words: Callable[[Any], str] | None = None
     rounded: Callable[[Any, np.ndarray, int], Any] | None = None
     joins: Joins = "quick"
+    tells: Tells = "classes"
     is_ordered: bool = True
     most_examples: int | None = None
     least_steps: int = 1
@@ -121,6 +138,7 @@ class Opponent:
     def __post_init__(self) -> None:
         one_of("takes", self.takes, get_args(Takes))
         one_of("joins", self.joins, get_args(Joins))
+        one_of("tells", self.tells, get_args(Tells))
         for name in ("build", "layers", "words", "rounded"):
             value = getattr(self, name)
             if not callable(value) and (value is not None or name == "build"):
@@ -138,11 +156,11 @@ class Opponent:
         is_open = {key for key, value in parameters.items() if value is None and key.endswith("random_state")}
         if is_open:
             estimator.set_params(**dict.fromkeys(is_open, seed))
-        held = {"validation": (sides.validation, sides.y_validation)}
+        held = {"validation": (sides.validation, _plain(sides.y_validation))}
         takes_held = "validation" in inspect.signature(estimator.fit).parameters
         with warnings.catch_warnings():
             warnings.simplefilter("ignore", ConvergenceWarning)  # for features that carry no information
-            estimator.fit(sides.train, sides.y_train, **held if takes_held else {})
+            estimator.fit(sides.train, _plain(sides.y_train), **held if takes_held else {})
         plain = (
             f"{key} {value:g}" if isinstance(value, float) else f"{key} {value}" for key, value in settings.items()
         )
@@ -154,16 +172,26 @@ class Opponent:
         )
 
 
+def _plain(labels: np.ndarray) -> np.ndarray:
+    """Labels as scikit-learn's estimators take them: those of a single target without its axis."""
+    return labels[:, 0] if labels.ndim == 2 and labels.shape[1] == 1 else labels
+
+
 def load(name: str) -> Opponent:
-    """The opponent of this name; InputError, with the nearest one, if there is none or if it cannot be used.
+    """The opponent of classes of this name; InputError, with the nearest one, if there is none or it cannot be used.
 
     >>> load("SVM").takes
     'features'
     """
-    return plugins.load("opponents", name, Opponent)
+    found = plugins.load("opponents", name, Opponent)
+    if found.tells != "classes":
+        raise InputError(
+            f"opponents: '{name}' tells {found.tells}, and classes are asked for; name one that tells these"
+        )
+    return found
 
 
-def joined(takes: Takes, level: Opponents) -> dict[str, Opponent]:
+def joined(takes: Takes, level: Opponents, tells: Tells = "classes") -> dict[str, Opponent]:
     """The opponents of an input that a study of a level fits, by name, in the order of tables and of ties.
 
     Those that ship come first, as `pyproject.toml` has them.
@@ -171,14 +199,32 @@ def joined(takes: Takes, level: Opponents) -> dict[str, Opponent]:
     >>> list(joined("features", "linear"))
     ['logistic regression']
     """
-    found = {name: load(name) for name in plugins.in_order("opponents")}
-    return {name: one for name, one in found.items() if one.takes == takes and LEVELS[one.joins] <= LEVELS[level]}
+    found = {name: plugins.load("opponents", name, Opponent) for name in plugins.in_order("opponents")}
+    own = {name: one for name, one in found.items() if (one.takes, one.tells) == (takes, tells)}
+    return {name: one for name, one in own.items() if LEVELS[one.joins] <= LEVELS[level]}
 
 
 def best_of(opponent: Opponent, sides: Sides, seed: int) -> Candidate:
     """The candidate with the highest validation accuracy (ties: the first); test examples are not used."""
     found = opponent.candidates(sides, seed)
     return first_best((accuracy(one, sides.validation, sides.y_validation), one) for one in found)[1]
+
+
+def part_of(labels: np.ndarray, n: int) -> np.ndarray:
+    """The places of n examples, evenly spaced within each class, ascending; all if there are no more.
+
+    >>> part_of(np.array([0, 1] * 4), 4).tolist()
+    [0, 2, 5, 7]
+    """
+    if len(labels) <= n:
+        return np.arange(len(labels))
+    return np.sort(np.argsort(labels, kind="stable")[np.linspace(0, len(labels) - 1, n).round().astype(int)])
+
+
+@cache
+def say_once(line: str) -> None:
+    """Print a line on stderr, the first time in a process."""
+    say(line)
 
 
 def first_best(scored: Iterable[tuple[float, T]]) -> tuple[float, T]:
@@ -211,8 +257,21 @@ def rounded(values: ArrayLike, bits: int, of: ArrayLike | None = None) -> np.nda
 
 
 def accuracy(candidate: Candidate, x: np.ndarray, y: np.ndarray) -> float:
-    """Share of correct decisions."""
-    return float((candidate.fitted.predict(x) == y).mean())
+    """Share of correct decisions, or the mean score of numbers."""
+    return float(right(candidate.fitted.predict(x), y).mean())
+
+
+def right(told: np.ndarray, labels: np.ndarray) -> np.ndarray:
+    """Whether each example is decided correctly, or the score of its standardised numbers, `(example,)`.
+
+    The score is 1 less the mean over targets of the squared error, as of networks.
+
+    >>> right(np.array([1, 0]), np.array([1, 1])), right(np.array([0.5, 1.0]), np.array([[0.0], [1.0]]))
+    (array([ True, False]), array([0.75, 1.  ]))
+    """
+    if labels.ndim == 1:
+        return told == labels
+    return 1 - np.square(told.reshape(labels.shape) - labels).mean(axis=1)
 
 
 @contextmanager

@@ -36,7 +36,7 @@ from neurotact.encoders.specs import taxels_of
 from neurotact.metrics import paired
 from neurotact.metrics.flops import Cost, Moments, Standardise, changed, cost, passed
 from neurotact.metrics.signal_flops import Averaging, StandardisedSteps
-from neurotact.progress import say
+from neurotact.progress import at, say
 
 BINS = 10
 """Time bins of a window, in which spikes are counted and signals averaged."""
@@ -188,7 +188,8 @@ def signal_inputs(
     for words, n_steps, of_sequences in _sequences_of("samples", cuts.length_ms, least, opponents):
         made = Cost() if n_steps >= samples else cost(Averaging(samples, n_steps, taxels))
         made += cost(StandardisedSteps(n_steps, taxels), signal_ms=cuts.length_ms)
-        yield Input(SIGNALS, words, None, averaged(pieces, n_steps), made, of_sequences)
+        kind = pieces[0].dtype if least == n_steps == samples else np.float64
+        yield Input(SIGNALS, words, None, averaged(pieces, n_steps, kind), made, of_sequences)
 
 
 def _sequences_of(
@@ -224,13 +225,15 @@ def spike_inputs(
     *,
     is_first: bool = True,
     encoding: bool = True,
+    recorded: int | None = None,
 ) -> Iterator[Input]:
     """Spikes of each afferent, counted over the window and in `BINS` time bins; each spike is one addition.
 
     With `readout` opponents only the counts over the window, for logistic regression.
     is_first: also for other classifiers than logistic regression. The events of an event-based sensor are its signal:
     they cost nothing to encode, and unless opponents are linear there are sequences of them, too. encoding: whether the
-    energy of conditioning and encoding counts.
+    energy of conditioning and encoding counts. recorded: the number of windows, the first ones, whose spikes cost; all
+    if None. Varied copies, which are behind them, are trained on alone.
     """
     n_windows, n_steps, n_afferents = len(cuts.windows), cuts.windows.n_steps, len(trains.afferents)
     source = SPIKES if trains.encoder else EVENTS
@@ -238,7 +241,7 @@ def spike_inputs(
     is_counted = encoding and bool(trains.encoder)
     n_bins = min(BINS, n_steps)
     counts = trains.binned(cuts.windows, bin_edges(n_steps, n_bins))
-    spikes = float(counts.sum()) / n_windows
+    spikes = float(counts[:recorded].sum()) / len(counts[:recorded])
     made = Cost(acs=spikes, **changed(spikes), **passed(0, n_bins * n_afferents))
     if is_counted:
         how = {"recorded_Hz": trains.recorded_Hz, "spikes": spikes}
@@ -276,6 +279,7 @@ def rows(inputs: Iterable[Input], labels: np.ndarray, cuts: Cuts) -> Iterator[di
                 continue
             if opponent.joins == "all" and best_yet is not None and best_yet[1] in kinds:
                 kinds = [best_yet[1]]
+            at(f"{name} on {one.column}")
             with named(name):
                 kind, sides, chosen = _best_training(one, opponent, labels, cuts, kinds)
                 right = {f"validation{width}": each.right for width, each in chosen.items()}

@@ -41,6 +41,7 @@ COMMANDS = {
         "networks", "save",
         "Find the network that saves the most energy at the accuracy of a run, by all ways together.",
     ),
+    "learn": Place("networks", "learn", "Teach a network a new class from a few touches, by its readout alone."),
     "conditions-curve": Place(
         "networks", "conditions_curve",
         "How many values of a condition must be recorded, such as speeds.",

@@ -40,6 +40,7 @@ EXAMPLES = {
     "conditions-curve": "neurotact conditions-curve spikes.h5 speed --figure curve.png",
     "sops": "neurotact sops run/ -o sops.csv",
     "save": "neurotact save run/ -o small/ --at-most-points 1",
+    "learn": "neurotact learn run/ silk.h5 -o run-with-silk/ --touches 5",
     "fine-tune": "neurotact fine-tune run/ -o run-4-bit/ --weight-bits 4",
     "stream": "neurotact stream run/ --from serial:/dev/ttyUSB0",
     "live": "neurotact live run/ --from gratings",
@@ -55,7 +56,7 @@ TASKS = {
     "From recordings to an answer": "study",
     "Recordings": "import fetch simulate info",
     "Spikes": "calibrate encode raster",
-    "Networks": "train infer sops tune save conditions-curve",
+    "Networks": "train infer sops tune save learn conditions-curve",
     "Devices": "stream live export fine-tune",
     "Specs": "list show copy",
 }

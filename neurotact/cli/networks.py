@@ -3,7 +3,7 @@
 import shlex
 import sys
 from pathlib import Path
-from typing import Annotated, Any, Literal
+from typing import Annotated, Any
 
 import typer
 
@@ -26,7 +26,7 @@ COPIES = option(
     show_default="those in the file",
 )
 SHOWN = ["label", "windows", "accuracy", "steps", "input_spikes", "hidden_spikes", "sops_total"]
-"""The columns of a SOP summary that fit a terminal; the files hold all of them."""
+"""The columns of a SOP summary that fit a terminal, and errors of numbers; the files hold all of them."""
 SIDES = {
     "training": "training windows: seen in training, so their accuracy does not hold for new touches",
     "validation": "validation windows: used to choose the epoch, and the exit rule if not at a left-out condition",
@@ -40,10 +40,6 @@ SIDES = {
     api.train,
     network=option(str, "Name or path of a network spec."),
     augmentation=COPIES,
-    balance=option(
-        Literal["none", "classes", "conditions"],
-        "Training windows count the same for each class, or for each condition of the split within a class, too.",
-    ),
     resume=flag("--resume", "Continue an interrupted training; start a new one if there is none."),
     force=REPLACED,
 )
@@ -164,6 +160,26 @@ def save(given: dict[str, Any], as_json: Json = False) -> None:
 
 
 @calling(
+    tools.learn,
+    touched=Annotated[Path, typer.Argument(help="Spikes of touches, of classes that the network does not know.")],
+    touches=option(int, "Touches of each new class that are learned; the others test it.", min=1),
+    spikes=MovedSpikes,
+    force=REPLACED,
+)
+def learn(given: dict[str, Any], as_json: Json = False) -> None:
+    """Teach a network a new class from a few touches, by its readout alone.
+
+    The readout is refitted on what it hears of the run's training windows, and then learns the new touches one by one.
+    What the known classes lose is printed. The network is saved as a new run.
+    """
+    row = tools.learn(**given, tell=unless(as_json))
+    if as_json:
+        print_json(pd.DataFrame([row]))
+    else:
+        print(f"next: neurotact infer {shlex.quote(str(given['folder']))} {shlex.quote(str(given['touched']))}")
+
+
+@calling(
     api.infer,
     out=option(Path | None, "Also write one row per window (.csv, .json, .md, .tex).", "-o", "--out"),
     early_exit=flag("--early-exit", "Stop each window by the rule chosen on validation windows, where it is used."),
@@ -201,6 +217,7 @@ def _print_sides(table: "pd.DataFrame", told: list[Any], *, as_json: bool) -> No
         print_json(means)
         return
     for side, rows in means.groupby("side", sort=False):
-        print_table(rows[SHOWN].apply(_in_words), title=SIDES[str(side)])
+        shown = [name for name in rows if name in SHOWN or str(name).startswith("rmse_")]
+        print_table(rows[shown].apply(_in_words), title=SIDES[str(side)])
     for line in told:
         show(line)

@@ -53,7 +53,8 @@ def _line(decision: Any, *, as_json: bool) -> str:
         return json.dumps(decision._asdict())
     held = f", {decision.held} steps on repeated values" if decision.held else ""
     label = printable(decision.label)
-    label = label if decision.heard else f"nothing (no readout spike; {label} by its index)"
+    if not (decision.heard or decision.values):
+        label = f"nothing (no readout spike; {label} by its index)"
     return (
         f"{decision.time_s:.4f} s: {label} after {decision.steps} steps ({decision.ms:g} ms), "
         f"{decision.input_spikes} + {decision.hidden_spikes} spikes, {decision.sops} SOPs{held}"

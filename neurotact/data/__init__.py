@@ -2,7 +2,7 @@
 
 Other rooms take:
 
-    augmentation: AUTO, AugmentationSpec, NONE, UNRANKED, check_taxels, in_words, order_of, varied_copies
+    augmentation: AUTO, AugmentationSpec, CopiesWhenRead, NONE, UNRANKED, check_taxels, in_words, varied_copies
     conditioning: ACAUSAL, Baseline, CAUSAL, Conditioned, Conditioner, ConditioningSpec, HALF, PIECE_VALUES,
         acausal_note, check_used, condition, condition_pieces, conditioned_length, ema, ema_coefficient,
         fit_standardisation, is_long, pieces, sampled_length, standardised
@@ -42,7 +42,7 @@ Other rooms take:
     recordings: LABEL, Recordings, Trials, check_channels, check_conditions, check_import, check_named_classes,
         check_sampling_rate, class_indices, class_names, default_channels, order_by_name, select_conditions,
         unit_factor
-    spikes: SpikeTrains, TrialSpikes, Variations, from_rasters, from_trials, populations_of, spikes_of
+    spikes: SpikeTrains, TrialSpikes, Variations, empty_raster, from_rasters, from_trials, populations_of, spikes_of
     splits: Split, SplitSpec, Splits, check_each, check_stratify, combination, each_left_out, hold_out,
         hold_out_groups, split_conditions, split_touches, split_trials, training_touches, turns_of, validation_note,
         values_to_leave_out

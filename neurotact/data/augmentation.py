@@ -6,15 +6,18 @@ like any recording. Sources: window warping (Le Guennec, Malinowski and Tavenard
 2017, doi 10.1145/3136755.3136817), and drop-out of whole channels (Tompson et al. 2015, arXiv 1411.4280).
 """
 
-from collections.abc import Iterator
-from typing import Literal, NamedTuple, get_args
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass
+from typing import Any, Literal, NamedTuple, get_args
 
 import numpy as np
 from pydantic import Field, field_validator
 
+from neurotact import plugins
 from neurotact.data.digests import recorded_digest
 from neurotact.data.onset import common_onset_s, evenly
 from neurotact.data.recordings import Recordings
+from neurotact.data.spikes import SpikeTrains, Variations
 from neurotact.data.window_choice import RESTS
 from neurotact.errors import InputError
 from neurotact.spec import Spec
@@ -124,20 +127,24 @@ def check_taxels(spec: AugmentationSpec | None, n_channels: int) -> None:
         )
 
 
-BLOCK_VALUES = 16_000_000
+BLOCK_VALUES = 2_000_000
 """Values of the copies that are in memory at once."""
 
 
 class _VariedCopies(NamedTuple):
-    """Varied copies of one kind, of some trials; of: the trial that each is a copy of, `(copy,)` int64."""
+    """Some varied copies of one kind; of: the trial that each is a copy of, `(copy,)` int64."""
 
     kind: str
     recordings: Recordings
     of: np.ndarray
 
 
-def varied_copies(recordings: Recordings, spec: AugmentationSpec) -> Iterator[_VariedCopies]:
-    """The copies of each kind that a spec needs, a block of trials at a time, in their order.
+def varied_copies(
+    recordings: Recordings, spec: AugmentationSpec, places: np.ndarray | None = None
+) -> Iterator[_VariedCopies]:
+    """The copies of each kind that a spec needs, a block at a time, in their order.
+
+    places: of those that are made, in the order of `order_of`; all if None.
 
     The same trials and spec give the same copies. What is drawn for a copy depends on its trial's samples, its number
     and the seed, not on the trial's index.
@@ -150,13 +157,13 @@ def varied_copies(recordings: Recordings, spec: AugmentationSpec) -> Iterator[_V
     [('time', 2), ('gain', 2), ('time+gain', 2)]
     """
     check_taxels(spec, recordings.n_channels)
-    rest = _Rest.of(recordings)
-    longest = max(1, int(recordings.lengths.max()) * recordings.n_channels * spec.copies)
-    at_once = max(1, BLOCK_VALUES // longest)
-    for kind in spec.kinds:
-        for first in range(0, len(recordings), at_once):
-            block = np.arange(first, min(first + at_once, len(recordings)))
-            yield _block(recordings, block, kind, spec, rest)
+    rest, per_kind = _Rest.of(recordings), len(recordings) * spec.copies
+    places = np.arange(per_kind * len(spec.kinds)) if places is None else places
+    at_once = max(1, BLOCK_VALUES // max(1, int(recordings.lengths.max()) * recordings.n_channels))
+    for of_kind in np.split(places, np.flatnonzero(np.diff(places // per_kind)) + 1):
+        for first in range(0, len(of_kind), at_once):
+            number, rows = divmod(of_kind[first : first + at_once], per_kind)
+            yield _block(recordings, rows, spec.kinds[number[0]], spec, rest)
 
 
 def order_of(n_trials: int, spec: AugmentationSpec) -> tuple[np.ndarray, np.ndarray]:
@@ -169,17 +176,38 @@ def order_of(n_trials: int, spec: AugmentationSpec) -> tuple[np.ndarray, np.ndar
     return np.tile(of, len(spec.kinds)), np.repeat(np.array(spec.kinds, dtype=str), len(of))
 
 
-def _block(
-    recordings: Recordings, trials: np.ndarray, kind: str, spec: AugmentationSpec, rest: "_Rest"
-) -> _VariedCopies:
-    """The copies of some trials."""
+@dataclass(frozen=True, eq=False)
+class CopiesWhenRead:
+    """Copies that are made and encoded each time they are read, so that neither signals nor spikes are stored.
+
+    recordings: of the trials, as far as their copies need them. encoder: the table of their encoder. spec: what varies.
+    """
+
+    recordings: Recordings
+    encoder: Mapping[str, Any]
+    spec: AugmentationSpec
+
+    def blocks(self, places: np.ndarray) -> Iterator[SpikeTrains]:
+        """The spikes of the copies at some places in the order of `order_of`."""
+        encode = plugins.load_function("tools", "encode_copies")
+        for copies in varied_copies(self.recordings, self.spec, places):
+            yield encode(copies.recordings, self.encoder)
+
+    def variations(self, of: np.ndarray | None = None, places: np.ndarray | None = None) -> Variations:
+        """The copies at some places, each with the trial that it is one of; all if None."""
+        trials, kind = order_of(len(self.recordings), self.spec)
+        places = np.arange(len(kind)) if places is None else places
+        return Variations(self, trials[places] if of is None else of, kind[places], places)
+
+
+def _block(recordings: Recordings, rows: np.ndarray, kind: str, spec: AugmentationSpec, rest: "_Rest") -> _VariedCopies:
+    """Some copies of a kind. rows: of each, its trial times the number of copies, and its own number."""
     rate_Hz, signals = recordings.sampling_rate_Hz, []
-    for trial in trials.tolist():
-        samples = int(recorded_digest(recordings, trial), 16)
-        for copy in range(spec.copies):
-            rng = np.random.default_rng([spec.seed, samples, copy])
-            signals.append(_copy(recordings.signals[trial], rate_Hz, kind, spec, rest, rng))
-    of = np.repeat(trials, spec.copies)
+    of, numbers = divmod(rows, spec.copies)
+    samples = {trial: int(recorded_digest(recordings, trial), 16) for trial in {*of.tolist()}}
+    for trial, copy in zip(of.tolist(), numbers.tolist(), strict=True):
+        rng = np.random.default_rng([spec.seed, samples[trial], copy])
+        signals.append(_copy(recordings.signals[trial], rate_Hz, kind, spec, rest, rng))
     conditions = recordings.conditions.iloc[of].reset_index(drop=True)
     about = recordings.unit, conditions, recordings.channels, recordings.source
     return _VariedCopies(kind, Recordings(signals, rate_Hz, *about), of)

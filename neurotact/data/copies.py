@@ -11,6 +11,7 @@ from __future__ import annotations
 import hashlib
 from collections.abc import Iterable, Iterator
 from typing import NamedTuple
+from weakref import WeakKeyDictionary
 
 import numpy as np
 
@@ -75,6 +76,9 @@ class Copies(NamedTuple):
         return np.sort(trials[np.unique(self.first[trials], return_index=True)[1]])
 
 
+_known: WeakKeyDictionary[SpikeTrains, Copies] = WeakKeyDictionary()
+
+
 def copies_of(touches: Trials | SpikeTrains) -> Copies:
     """The copies among recordings or spike trains; names and classes play no part.
 
@@ -88,7 +92,11 @@ def copies_of(touches: Trials | SpikeTrains) -> Copies:
     >>> found.first.tolist(), found.is_near.tolist()
     ([0, 1, 0, 1, 4], [False, False, False, True, False])
     """
-    return _of_spikes(touches) if isinstance(touches, SpikeTrains) else _of_recordings(touches)
+    if not isinstance(touches, SpikeTrains):
+        return _of_recordings(touches)
+    if (known := _known.get(touches)) is None:  # a study's cell asks five times
+        known = _known[touches] = _of_spikes(touches)
+    return known
 
 
 def with_touches(trials: Iterable[TrialSpikes], first: np.ndarray) -> Iterator[TrialSpikes]:

@@ -205,7 +205,10 @@ def load_touches(spec: DatasetSpec) -> Recordings | SpikeTrains:
 
 def load_recordings(spec: DatasetSpec) -> Recordings:
     """As `load_touches`; InputError for spikes, which need no encoder. Lines tell what is doubtful in a read set."""
-    touches = _every(spec) if spec.file is None else hdf5.load_recordings(expand(spec.file))
+    if spec.file is not None:  # a study may use a small part of a large file
+        with hdf5.open_recordings(expand(spec.file)) as stored:
+            return _known_content(_fewer(stored, spec).loaded(), spec)
+    touches = _every(spec)
     if not isinstance(touches, Recordings):
         what = f"{expand(spec.path or '')}: '{spec.read}' reads spikes, not recordings"
         raise InputError(f"{what}; train on them with neurotact train")
@@ -216,9 +219,18 @@ def load_recordings(spec: DatasetSpec) -> Recordings:
 
 
 def _chosen(touches: Touches, spec: DatasetSpec) -> Touches:
-    is_known = spec.content is not None
-    chosen = fewer_trials(chosen_trials(touches, spec.choice, spec.source, tell=not is_known), spec.at_most)
-    if is_known and content_digest(chosen) != spec.content:
+    return _known_content(_fewer(touches, spec), spec)
+
+
+def _fewer(touches: Any, spec: DatasetSpec) -> Any:
+    """Of recordings, stored ones or spikes: the trials that a data set uses."""
+    chosen = chosen_trials(touches, spec.choice, spec.source, tell=spec.content is None)
+    return fewer_trials(chosen, spec.at_most)
+
+
+def _known_content(chosen: Touches, spec: DatasetSpec) -> Touches:
+    """The trials, if they have the content that the spec names."""
+    if spec.content is not None and content_digest(chosen) != spec.content:
         raise InputError(f"{spec.source}: its trials changed since this study began; run it in another folder")
     return chosen
 

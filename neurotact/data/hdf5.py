@@ -22,6 +22,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from neurotact import plugins
+from neurotact.data.augmentation import AugmentationSpec, CopiesWhenRead
 from neurotact.data.hdf5_input import EVENTS, Declared, attribute, names, opened, table
 from neurotact.data.hdf5_output import Output, create
 from neurotact.data.recordings import (
@@ -35,10 +36,11 @@ from neurotact.data.recordings import (
     chosen,
     class_indices,
 )
-from neurotact.data.spikes import SpikeTrains, TrialSpikes, Variations
+from neurotact.data.spikes import SpikeTrains, StoredCopies, TrialSpikes, Variations
 from neurotact.errors import InputError
 from neurotact.files import check_size, whole
 from neurotact.lazily import lazily
+from neurotact.spec import build
 
 with lazily():
     import pandas as pd
@@ -46,6 +48,8 @@ with lazily():
 
 log = logging.getLogger("neurotact")
 
+PACKED: dict[str, Any] = {"chunks": True, "compression": "gzip", "compression_opts": 1, "shuffle": True}
+"""How samples are compressed of which copies are made: read once for each training, they are a few megabytes."""
 FLUSHED_SPIKES, FLUSHED_TRIALS = 100_000, 1000
 """Spikes or trials that are collected before they are written."""
 
@@ -54,19 +58,24 @@ def save_recordings(recordings: Recordings, path: str | Path) -> None:
     """Write recordings to `path`, whole or not at all."""
     with whole(path) as draft, create(draft) as (file, output):
         file.attrs["kind"] = "recordings"
-        file.attrs["sampling_rate_Hz"] = recordings.sampling_rate_Hz
-        file.attrs["unit"] = recordings.unit
-        file.attrs["channels"] = json.dumps(recordings.channels)
         file.attrs["source"] = recordings.source
-        lengths = recordings.lengths
-        values = file.create_dataset("signals/values", (lengths.sum(), recordings.n_channels), np.float32)
-        start = 0
-        for signal in recordings.signals:
-            values[start : start + len(signal)] = signal
-            start += len(signal)
-            output.check()
-        file["signals/lengths"] = lengths
-        _write_table(file.create_group("conditions"), recordings.conditions)
+        _write_recordings(file, recordings, output)
+
+
+def _write_recordings(group: h5py.Group, recordings: Recordings, output: Output, **packed: Any) -> None:
+    """Everything of recordings but their source; packed: how their samples are compressed."""
+    group.attrs["sampling_rate_Hz"] = recordings.sampling_rate_Hz
+    group.attrs["unit"] = recordings.unit
+    group.attrs["channels"] = json.dumps(recordings.channels)
+    lengths = recordings.lengths
+    values = group.create_dataset("signals/values", (lengths.sum(), recordings.n_channels), np.float32, **packed)
+    start = 0
+    for signal in recordings.signals:
+        values[start : start + len(signal)] = signal
+        start += len(signal)
+        output.check()
+    group["signals/lengths"] = lengths
+    _write_table(group.create_group("conditions"), recordings.conditions)
 
 
 @dataclass(frozen=True, eq=False)
@@ -102,6 +111,7 @@ class StoredRecordings(Trials):
         return signal
 
     def loaded(self) -> Recordings:
+        check_size(self.source, 4 * sum(self.stored_lengths.tolist()) * self.n_channels)
         signals = np.empty((self.stored_lengths.sum(), self.n_channels), np.float32)
         ends = np.cumsum(self.stored_lengths)
         for first, last in self._runs():
@@ -170,18 +180,17 @@ def load_recordings(path: str | Path) -> Recordings:
         return _recordings(Declared(file, path))
 
 
-def _recordings(declared: Declared) -> Recordings:
-    stored = _stored(declared, str(declared.path))
-    check_size(declared.path, 4 * sum(stored.lengths.tolist()) * stored.n_channels)
-    return stored.loaded()
+def _recordings(declared: Declared, within: str = "") -> Recordings:
+    return _stored(declared, str(declared.path), within).loaded()
 
 
-def _stored(declared: Declared, path: str) -> StoredRecordings:
-    file = declared.file
-    lengths = declared.numbers("signals/lengths", "iu")
+def _stored(declared: Declared, path: str, within: str = "") -> StoredRecordings:
+    """Recordings of a file; within: of a group in it, as in `copied/`."""
+    file = declared.group(within.rstrip("/")) if within else declared.file
+    lengths = declared.numbers(f"{within}signals/lengths", "iu")
     if not len(lengths):
         raise InputError(f"{path}: holds no trial; give at least one")
-    values = declared.streamed("signals/values")
+    values = declared.streamed(f"{within}signals/values")
     n_expected = sum(lengths.tolist())
     if n_expected != len(values) or lengths.min() < 0:
         raise InputError(f"{path}: holds {len(values)} samples of {n_expected}; it is damaged, write it again")
@@ -192,7 +201,7 @@ def _stored(declared: Declared, path: str) -> StoredRecordings:
     check_channels(channels, path)
     for trial in (0, int(lengths.argmin())):
         check_shape((int(lengths[trial]), *values.shape[1:]), trial, len(channels), path)
-    conditions = _read_table(declared, len(lengths))
+    conditions = _read_table(declared, len(lengths), within)
     check_conditions(conditions, path)
     return StoredRecordings(
         values=values,
@@ -256,13 +265,13 @@ def spike_writer(
     encoder: Any,
     source: str,
     touch_s: float | None = None,
-    variations: tuple[np.ndarray, np.ndarray] | None = None,
+    variations: Variations | None = None,
     recorded_Hz: float | None = None,
 ) -> Iterator[_SpikeWriter]:
     """Write a spikes file to `path`, whole or not at all: the block appends one trial for each row of `conditions`.
 
-    variations: of the last rows, which are varied copies: the trial of each, and what varies. recorded_Hz: of the
-    recordings.
+    variations: varied copies, of which the recordings are written and not the spikes, unless these are in memory: then
+    they are of the last rows. recorded_Hz: of the recordings.
 
     >>> import tempfile
     >>> path = Path(tempfile.mkdtemp()) / "spikes.h5"
@@ -289,8 +298,13 @@ def spike_writer(
             raise ValueError(f"{len(writer.trial_steps)} trials were written for {len(conditions)} rows of conditions")
         file["labels"] = class_indices(conditions)
         if variations is not None:
-            file["variation_of"] = variations[0].astype(np.int64)
-            file["variation_kind"] = np.array(variations[1], dtype="S")
+            file["variation_of"] = variations.of.astype(np.int64)
+            if isinstance(variations.source, CopiesWhenRead):
+                file["variation_place"] = variations.places
+                file.attrs["variation"] = variations.source.spec.model_dump_json()
+                _write_recordings(file.create_group("copied"), variations.source.recordings, output, **PACKED)
+            else:
+                file["variation_kind"] = np.array(variations.kind, dtype="S")
         file["trial_steps"] = np.array(writer.trial_steps, np.int64)
         if all(writer.trial_digests):
             file["trial_digests"] = np.array(writer.trial_digests, dtype="S")
@@ -319,13 +333,11 @@ def _from_here(path: str | Path, source: str) -> str:
 
 def save_spikes(trains: SpikeTrains, path: str | Path) -> None:
     """Write spike trains to `path`, whole or not at all."""
-    every, copies = trains.with_variations(), trains.variations
+    made = trains.variations is not None and isinstance(trains.variations.source, CopiesWhenRead)
+    every = trains if made else trains.with_variations()
     about = (every.conditions, trains.sampling_rate_Hz, trains.afferents, trains.encoder, trains.source)
-    variation = None if copies is None else (copies.of, copies.kind)
-    with spike_writer(path, *about, trains.touch_s, variation, trains.recorded_Hz) as writer:
-        for trial in trains.trials():
-            writer.append(trial)
-        for trial in copies.trains.trials() if copies else ():
+    with spike_writer(path, *about, trains.touch_s, trains.variations, trains.recorded_Hz) as writer:
+        for trial in (*trains.trials(), *([*every.trials()][len(trains) :])):
             writer.append(trial)
 
 
@@ -401,13 +413,23 @@ def _spikes(declared: Declared) -> SpikeTrains:
 
 
 def _with_variations(trains: SpikeTrains, declared: Declared) -> SpikeTrains:
-    """Trials of a file whose last ones are varied copies of the others."""
-    of, kind = declared.numbers("variation_of"), np.array(declared.texts("variation_kind"))
-    n_trials = len(trains) - len(of)
+    """Trials of a file with varied copies of them; in files of earlier versions, copies are the last trials."""
+    of, made = declared.numbers("variation_of"), declared.holds("copied")
+    n_trials = len(trains) - (0 if made else len(of))
+    kind = declared.numbers("variation_place") if made else np.array(declared.texts("variation_kind"))
     if len(kind) != len(of) or n_trials < 1 or not ((of >= 0) & (of < n_trials)).all():
         raise InputError("variation_of and variation_kind must name a trial and a kind for each varied copy")
-    copies = Variations(trains.select(np.arange(n_trials, len(trains))), of, kind)
-    return replace(trains.select(np.arange(n_trials)), variations=copies)
+    if not made:
+        stored = StoredCopies(trains.select(np.arange(n_trials, len(trains))))
+        copies = Variations(stored, of, kind, np.arange(len(of)))
+        return replace(trains.select(np.arange(n_trials)), variations=copies)
+    table = json.loads(attribute(declared.file, "variation", declared.path))
+    spec = build(AugmentationSpec, table, source="variation")
+    source = CopiesWhenRead(_recordings(declared, "copied/"), trains.encoder, spec)
+    n_places = len(source.recordings) * spec.copies * len(spec.kinds)
+    if not ((kind >= 0) & (kind < n_places)).all():
+        raise InputError(f"variation_place must be from 0 to {n_places - 1}, the varied copies of what is in copied")
+    return replace(trains, variations=source.variations(of, kind))
 
 
 def _steps(times_s: np.ndarray, rate_Hz: float) -> np.ndarray:
@@ -441,8 +463,8 @@ def _write_table(group: h5py.Group, table: pd.DataFrame) -> None:
             group.create_dataset(str(column), data=values.astype(str).astype(object), dtype=h5py.string_dtype())
 
 
-def _read_table(declared: Declared, n_trials: int) -> pd.DataFrame:
-    columns = names(attribute(declared.group("conditions"), "columns", declared.path))
+def _read_table(declared: Declared, n_trials: int, within: str = "") -> pd.DataFrame:
+    columns = names(attribute(declared.group(f"{within}conditions"), "columns", declared.path))
     if len(set(columns)) < len(columns):
         raise ValueError("a condition occurs twice in its table")
-    return pd.DataFrame({column: declared.column(f"conditions/{column}", n_trials) for column in columns})
+    return pd.DataFrame({column: declared.column(f"{within}conditions/{column}", n_trials) for column in columns})

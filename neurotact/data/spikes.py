@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
-from typing import Any, NamedTuple
+from typing import Any, NamedTuple, Protocol
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -56,15 +56,42 @@ def populations_of(afferents: Sequence[str]) -> dict[str, np.ndarray]:
     return {str(kind): np.flatnonzero(kinds == kind) for kind in dict.fromkeys(kinds.tolist())}
 
 
-class Variations(NamedTuple):
-    """Spikes of varied copies of trials (`data.augmentation`), which training alone may use.
+class CopySource(Protocol):
+    """What gives the spikes of varied copies, some at a time, by their places in it."""
 
-    of: the trial that each is a copy of, `(copy,)` int64. kind: what varies, `(copy,)`.
-    """
+    def blocks(self, places: np.ndarray) -> Iterator[SpikeTrains]: ...
+
+
+class StoredCopies(NamedTuple):
+    """Copies whose spikes are in memory."""
 
     trains: SpikeTrains
+
+    def blocks(self, places: np.ndarray) -> Iterator[SpikeTrains]:
+        """All at once."""
+        yield self.trains.select(places)
+
+
+class Variations(NamedTuple):
+    """Varied copies of trials (`data.augmentation`), which training alone may use; their spikes are made when read.
+
+    of: the trial that each is a copy of, `(copy,)` int64. kind: what varies, `(copy,)`.
+    source, places: what gives their spikes, and the place of each in it, `(copy,)` int64.
+    """
+
+    source: CopySource
     of: np.ndarray
     kind: np.ndarray
+    places: np.ndarray
+
+    @property
+    def trains(self) -> SpikeTrains:
+        """The spikes of all."""
+        return end_to_end([*self.source.blocks(self.places)])
+
+    def only(self, rows: np.ndarray) -> Variations:
+        """Some of the copies."""
+        return self._replace(of=self.of[rows], kind=self.kind[rows], places=self.places[rows])
 
     def rows(self, trials: np.ndarray, kind: str) -> np.ndarray:
         """The copies of one kind of some trials."""
@@ -74,8 +101,7 @@ class Variations(NamedTuple):
         """The copies of some trials, which are then counted as in `trials`."""
         rows = np.flatnonzero(np.isin(self.of, trials))
         ordered = np.argsort(trials, kind="stable")
-        of = ordered[np.searchsorted(trials, self.of[rows], sorter=ordered)]
-        return Variations(self.trains.select(rows), of, self.kind[rows])
+        return self.only(rows)._replace(of=ordered[np.searchsorted(trials, self.of[rows], sorter=ordered)])
 
 
 @dataclass(frozen=True, eq=False)
@@ -92,7 +118,7 @@ class SpikeTrains:
     trial_digests: one digest per trial of the recording (`data.digests`); empty if unknown.
     trial_touches: one name per trial, equal for copies of one touch (`data.copies`); empty if the digests tell.
     touch_s: when the touch begins in the recordings, in s from the start of a trial (`data.onset`); None if unknown.
-    variations: spikes of varied copies of the trials, for training alone; None if there are none.
+    variations: varied copies of the trials, for training alone; None if there are none.
     recorded_Hz: samples of the recordings per second; None if unknown.
 
     Raises InputError if the lengths do not match, and for spikes out of order or outside their trial.
@@ -229,21 +255,12 @@ class SpikeTrains:
             afferents=tuple(self.afferents[index] for index in kept),
         )
 
-    def with_variations(self) -> SpikeTrains:
-        """All trials, then all copies, as trials."""
+    def with_variations(self, *windows: WindowSpec) -> SpikeTrains:
+        """All trials, then all copies, as trials; of these only the spikes that windows need, if there are any."""
         if self.variations is None:
             return self
-        more = self.variations.trains
-        return replace(
-            self,
-            steps=[*self.steps, *more.steps],
-            units=[*self.units, *more.units],
-            trial_steps=np.concatenate([self.trial_steps, more.trial_steps]),
-            conditions=pd.concat([self.conditions, more.conditions], ignore_index=True),
-            trial_digests=(),
-            trial_touches=(),
-            variations=None,
-        )
+        blocks = self.variations.source.blocks(self.variations.places)
+        return end_to_end([self, *(block.within(*map(block.cut, windows)) if windows else block for block in blocks)])
 
     def cut(self, spec: WindowSpec, trials: np.ndarray | None = None) -> Windows:
         """The windows of some trials (of all when absent), with the trial numbers of these spike trains.
@@ -285,20 +302,22 @@ class SpikeTrains:
         return f"window.align: {'; '.join(parts)}" if parts else None
 
     def until(self, *windows: WindowSpec) -> SpikeTrains:
-        """These trials, and their copies, without the spikes after the last of these windows; all lengths stay.
+        """These trials without the spikes after the last of these windows; all lengths stay, and copies.
 
         >>> trains = from_rasters(np.ones((1, 9, 1)), 1000.0, ("SA-I a",), pd.DataFrame({"label": ["felt"]}))
         >>> trains.until(WindowSpec(length_ms=3, per_trial=2)).steps[0].tolist()
         [0, 1, 2, 3, 4, 5]
         """
+        return self.within(*map(self.cut, windows))
+
+    def within(self, *windows: Windows) -> SpikeTrains:
+        """`until` windows that are cut already."""
         end = np.zeros(len(self), np.int64)
-        for cut_into in map(self.cut, windows):
+        for cut_into in windows:
             np.maximum.at(end, cut_into.trial, cut_into.start + cut_into.n_steps)
         kept = [np.searchsorted(steps, last) for steps, last in zip(self.steps, end.tolist(), strict=True)]
         steps, units = ([row[:n] for row, n in zip(rows, kept, strict=True)] for rows in (self.steps, self.units))
-        more = self.variations
-        more = None if more is None else more._replace(trains=more.trains.until(*windows))
-        return replace(self, steps=steps, units=units, variations=more)
+        return replace(self, steps=steps, units=units)
 
     def counts(self, windows: Windows) -> np.ndarray:
         """Spikes of all afferents in each window, `(window,)` int64: the sums of `raster`."""
@@ -325,12 +344,12 @@ class SpikeTrains:
             np.add.at(counts[window], (bins, self.units[trial][first:last]), 1)
         return counts
 
-    def raster(self, windows: Windows) -> np.ndarray:
-        """Spikes in the given windows, `(window, time, afferent)` uint8; InputError if it is too large."""
-        shape = (len(windows), windows.n_steps, len(self.afferents))
-        what = f"the raster of {shape[0]} windows, {shape[1]} steps and {shape[2]} afferents"
-        check_size(what, math.prod(shape), room_bytes())
-        raster = np.zeros(shape, np.uint8)
+    def raster(self, windows: Windows, into: np.ndarray | None = None) -> np.ndarray:
+        """Spikes in the given windows, `(window, time, afferent)` uint8; InputError if it is too large.
+
+        into: of `empty_raster`, filled in place.
+        """
+        raster = empty_raster(len(windows), windows.n_steps, len(self.afferents)) if into is None else into
         for window, (trial, start) in enumerate(zip(windows.trial, windows.start, strict=True)):
             first, last = np.searchsorted(self.steps[trial], (start, start + windows.n_steps))
             raster[window, self.steps[trial][first:last] - start, self.units[trial][first:last]] = 1
@@ -362,6 +381,32 @@ def from_trials(
         touch_s=touch_s,
         trial_touches=_touch_names(listed),
         recorded_Hz=recorded_Hz,
+    )
+
+
+def empty_raster(n_windows: int, n_steps: int, n_afferents: int) -> np.ndarray:
+    """No spike in any window, `(window, time, afferent)` uint8; InputError if it is too large."""
+    what = f"the raster of {n_windows} windows, {n_steps} steps and {n_afferents} afferents"
+    check_size(what, n_windows * n_steps * n_afferents, room_bytes())
+    return np.zeros((n_windows, n_steps, n_afferents), np.uint8)
+
+
+def end_to_end(parts: Sequence[SpikeTrains]) -> SpikeTrains:
+    """The trials of several spike trains of one encoder as those of one, without digests.
+
+    >>> one = from_rasters(np.ones((2, 3, 1)), 1000.0, ("SA-I a",), pd.DataFrame({"label": ["felt", "silk"]}))
+    >>> len(end_to_end([one, one.select([0])]))
+    3
+    """
+    return replace(
+        parts[0],
+        steps=[steps for part in parts for steps in part.steps],
+        units=[units for part in parts for units in part.units],
+        trial_steps=np.concatenate([part.trial_steps for part in parts]),
+        conditions=pd.concat([part.conditions for part in parts], ignore_index=True),
+        trial_digests=(),
+        trial_touches=(),
+        variations=None,
     )
 
 

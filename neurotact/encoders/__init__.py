@@ -8,7 +8,7 @@ Other rooms take:
         with_integration
     closed_form: AT_ONCE
     cost: NOT_COUNTED, encoding_cost, is_countable, no_cost
-    encoding: Encoded, encode_file, encode_recordings
+    encoding: Encoded, encode_copies, encode_file, encode_recordings
     firing: FiringWarning, complaint_at_rest, complaints, resting_table
     gain_search: CalibrationRule
     model: AnyEncoder, DrivenSpec, EncoderSpec, SENSITIVITY, name_in, names, of_name, usable

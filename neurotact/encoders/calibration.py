@@ -11,7 +11,7 @@ import logging
 from collections.abc import Callable, Container, Iterable, Iterator, Mapping
 from dataclasses import dataclass, replace
 from functools import cached_property, partial
-from typing import Any, Generic, TypeVar
+from typing import Any, Generic, NamedTuple, Self, TypeVar
 
 import numpy as np
 import pandas as pd
@@ -35,8 +35,7 @@ from neurotact.encoders.gain_search import (
     suited_rule,
 )
 from neurotact.encoders.model import DrivenSpec, EncoderSpec
-from neurotact.encoders.scaling import REST_SD, Scaling
-from neurotact.encoders.scaling import fit as fit_scaling
+from neurotact.encoders.scaling import REST_SD, Scaling, Spread, spread_of
 from neurotact.encoders.sensitivity import Sensitivity, adjusted, sensitivities_of
 from neurotact.encoders.specs import (
     SA_RA,
@@ -90,9 +89,10 @@ class Calibration(Generic[Encoder]):
     """An encoder for a sensor, and the search for its gains.
 
     encoder: the fitted spec, for recordings with the unit, taxels and rate of the training trials.
-    table: one row per population and candidate gain: `afferent` ("SA-I", "RA-I", "PC"), `gain` (of LIF mV per standard
-        deviation, and per ms for RA-I; of mechanoreceptors mm per standard deviation), `silent_share`, `floor_share`,
-        `separation` (bit), `spikes_per_s` (of one afferent), `admissible`, `chosen`.
+    table: one row per population and candidate gain that was tried (`gain_search.following`): `afferent` ("SA-I",
+        "RA-I", "PC"), `gain` (of LIF mV per standard deviation, and per ms for RA-I; of mechanoreceptors mm per
+        standard deviation), `silent_share`, `floor_share`, `separation` (bit), `spikes_per_s` (of one afferent),
+        `admissible`, `chosen`.
     isi: one row per population, gain, label and bin: `afferent`, `gain`, `label`, `isi_ms` (the bin's geometric middle,
         infinite for trials without an interval), `share`, over trials and afferents.
     rates, rates_ra: of SA-I and RA-I at the chosen gains, in spikes per second, `(trial, afferent)`, of the taxels on
@@ -132,6 +132,25 @@ class Calibration(Generic[Encoder]):
         return self.apart is not None and len(np.unique(self.apart)) > 1
 
 
+class _Cut(NamedTuple):
+    """The excerpts that are conditioned in one way, before standardisation, and how far their taxels spread."""
+
+    excerpts: Spool
+    spread: Spread
+
+    @classmethod
+    def of(
+        cls,
+        drawn: Trials,
+        how: ConditioningSpec,
+        longest_s: float,
+        rng: np.random.Generator,
+        numbers: np.ndarray | None,
+    ) -> Self:
+        excerpts = cut(drawn, how, longest_s, rng, numbers)
+        return cls(excerpts, spread_of(drawn, excerpts))
+
+
 def calibrate(
     recordings: Trials,
     spec: Encoder,
@@ -142,7 +161,7 @@ def calibrate(
     apart: tuple[str, ...] = (),
     tell: bool = True,
     steady: bool = False,
-    known: dict[str, Spool] | None = None,
+    known: dict[str, _Cut] | None = None,
 ) -> Calibration[Encoder]:
     """Fit standardisation and gains of `spec` on recorded training trials of any unit and rate.
 
@@ -192,11 +211,11 @@ def calibrate(
     chosen = draw(recordings.labels, rule.trials_per_class, rng, numbers if steady else None)
     drawn, numbers = recordings.select(chosen), numbers[chosen]
     how = conditioning_of(spec.model_copy(update={"conditioning": conditioning}), recordings.sampling_rate_Hz)
-    fresh = partial(cut, drawn, how, rule.excerpt_s, rng, numbers if steady else None)
-    excerpts = _once(fresh, how, known) if steady and known is not None else fresh()
+    fresh = partial(_Cut.of, drawn, how, rule.excerpt_s, rng, numbers if steady else None)
+    excerpts, spread = _once(fresh, how, known) if steady and known is not None else fresh()
     # Where the signal below zero drives afferents, too, the mean is the zero.
     rest_sd = 0.0 if _is_signed(spec) else REST_SD
-    scaling = fit_scaling(drawn, excerpts, conditioning.baseline, inverted=inverted, rest_sd=rest_sd)
+    scaling = spread.scaling(conditioning.baseline, inverted=inverted, rest_sd=rest_sd)
     names = None if drawn.channels == default_channels(drawn.n_channels) else drawn.channels
     conditioning = conditioning.model_copy(update={"offset": scaling.offset, "scale": scaling.scale, "taxels": names})
     fitted = spec.model_copy(update={"unit": recordings.unit, "conditioning": conditioning})
@@ -289,10 +308,15 @@ def calibrate_causally(
     own_Hz, asked, spec = spec.conditioning.ema_cutoff_Hz, spec, with_taxels_of(spec)
     cutoffs_Hz = _cutoffs(own_Hz, recordings.sampling_rate_Hz) if choose_ema else [own_Hz]
 
-    known: dict[str, Spool] = {}
+    known: dict[str, _Cut] = {}
+    fits: list[tuple[Encoder, Calibration[Encoder]]] = []
+    at_rest = _AtRest(recordings)
 
     def fit(tried: Encoder) -> Calibration[Encoder]:
-        return calibrate(recordings, tried, progress, rule, apart=apart, tell=False, steady=True, known=known)
+        short = rule.model_copy(update={"every": False})
+        found = calibrate(recordings, tried, progress, short, apart=apart, tell=False, steady=True, known=known)
+        fits.append((tried, found))
+        return found
 
     best, on_baseline = _of_baselines(fit, spec, cutoffs_Hz)
     notes: tuple[str, ...] = (on_baseline,)
@@ -300,9 +324,9 @@ def calibrate_causally(
         with contextlib.suppress(InputError):  # no gain suits the falling signal: the encoder stays as it is
             rises = best.encoder
             both, on_its_baseline = _of_baselines(
-                fit, signed, cutoffs_Hz, by_both=True, refused=lambda tried: _wakes(recordings, rises, tried)
+                fit, signed, cutoffs_Hz, by_both=True, refused=lambda tried: _wakes(at_rest, rises, tried)
             )
-            best, notes = _of_polarities(recordings, (best, both), notes, on_its_baseline)
+            best, notes = _of_polarities(at_rest, (best, both), notes, on_its_baseline)
     if len(cutoffs_Hz) > 1:
         best, on_ema = _of_cutoffs(fit, best, _refit(spec, best.encoder), cutoffs_Hz)
         notes = *on_ema, *notes
@@ -311,6 +335,9 @@ def calibrate_causally(
     if choose_grades and apart and (graded := _with_grades(_refit(spec, best.encoder))) is not None:
         with contextlib.suppress(InputError):
             best, notes = _of_grades((best, fit(graded)), notes)
+    if rule.every:
+        start = next(tried for tried, found in fits if found is best)
+        best = calibrate(recordings, start, None, rule, apart=apart, tell=False, steady=True, known=known)
     notes = *best.notes, *notes
     if best.is_apart:
         notes = *notes, f"these accuracies are of each value of {', '.join(apart)} by the training trials of the others"
@@ -319,7 +346,7 @@ def calibrate_causally(
     return replace(best, notes=notes, encoder=with_taxels_of(best.encoder, asked))
 
 
-def _once(cut_them: Callable[[], Spool], how: ConditioningSpec, known: dict[str, Spool]) -> Spool:
+def _once(cut_them: Callable[[], _Cut], how: ConditioningSpec, known: dict[str, _Cut]) -> _Cut:
     """The excerpts, which are cut where none are known that are conditioned in this way."""
     key = how.model_dump_json()
     if key not in known:
@@ -375,7 +402,7 @@ def _of_cutoffs(
 
 
 def _of_polarities(
-    recordings: Trials,
+    at_rest: "_AtRest",
     without_and_with: tuple[Calibration[Encoder], Calibration[Encoder]],
     notes: tuple[str, ...],
     on_its_baseline: str,
@@ -385,7 +412,7 @@ def _of_polarities(
     found = _by_both("sa1.opposite", {False: best, True: both})
     if not found.chosen:
         return best, notes
-    if _wakes(recordings, best.encoder, both.encoder):
+    if _wakes(at_rest, best.encoder, both.encoder):
         why = f"SA-I of the falling signal would fire at rest and are left out; {found.compared(MEASURED_ON_BOTH)}"
         return best, (*notes, f"{why}; {otherwise('sa1.opposite = true')}")
     effect = "a second SA-I under each taxel receives the falling signal"
@@ -452,19 +479,32 @@ def _refit(spec: Encoder, fitted: Encoder) -> Encoder:
     return with_opposite(again) or again if is_signed else again
 
 
-def _wakes(recordings: Trials, without: EncoderSpec, signed: EncoderSpec) -> bool:
+class _AtRest:
+    """Trials before touch, and the share of an encoder's afferents that fire there, counted once for each encoder."""
+
+    def __init__(self, recordings: Trials) -> None:
+        self._recordings = recordings
+        self._shares: dict[EncoderSpec, float] = {}
+
+    @cached_property
+    def rest_ms(self) -> float:
+        """How long trials rest; 0 if they begin in contact."""
+        return 1e3 * RESTS * common_onset_s(self._recordings)
+
+    def share(self, encoder: EncoderSpec) -> float:
+        if encoder not in self._shares:
+            table = firing.resting_table(self._recordings, encoder, self.rest_ms)
+            self._shares[encoder] = float(table["restless"].mean())
+        return self._shares[encoder]
+
+
+def _wakes(at_rest: _AtRest, without: EncoderSpec, signed: EncoderSpec) -> bool:
     """Whether SA-I of the falling signal fire at rest, where the afferents without them do not.
 
     The zero of a sensor whose signal only rises may lie above its rest: then touch begins with no spike. False if
     trials begin in contact.
     """
-    rest_ms = 1e3 * RESTS * common_onset_s(recordings)
-    if not rest_ms:
-        return False
-    before, after = (
-        float(firing.resting_table(recordings, part, rest_ms)["restless"].mean()) for part in (without, signed)
-    )
-    return after > before + MORE_RESTLESS
+    return bool(at_rest.rest_ms) and at_rest.share(signed) > at_rest.share(without) + MORE_RESTLESS
 
 
 def _on_baseline(found: Decision[Baseline], spec: EncoderSpec, n_populations: int) -> str:

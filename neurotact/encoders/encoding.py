@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import replace
 from itertools import pairwise
 from pathlib import Path
@@ -11,7 +11,7 @@ from typing import Any, NamedTuple, TypeVar
 import numpy as np
 
 from neurotact.data import hdf5
-from neurotact.data.augmentation import AugmentationSpec, check_taxels, order_of, varied_copies
+from neurotact.data.augmentation import AugmentationSpec, CopiesWhenRead, check_taxels
 from neurotact.data.conditioning import ACAUSAL, PIECE_VALUES, condition, condition_pieces, conditioned_length, is_long
 from neurotact.data.copies import copies_of, with_touches
 from neurotact.data.digests import recorded_digest
@@ -19,7 +19,7 @@ from neurotact.data.onset import common_onset_s
 from neurotact.data.recordings import Recordings, Trials
 from neurotact.data.spikes import SpikeTrains, TrialSpikes, Variations, from_trials, spikes_of
 from neurotact.encoders import firing
-from neurotact.encoders.model import EncoderSpec
+from neurotact.encoders.model import EncoderSpec, name_in, of_name
 from neurotact.encoders.specs import (
     afferent_names,
     conditioning_of,
@@ -31,11 +31,7 @@ from neurotact.encoders.specs import (
     recorded_at,
 )
 from neurotact.errors import InputError
-from neurotact.lazily import lazily
-
-with lazily():
-    import pandas as pd
-
+from neurotact.spec import build
 
 Progress = Callable[[int], None]
 TrialsT = TypeVar("TrialsT", bound=Trials)
@@ -79,20 +75,23 @@ def encode_recordings(
     recordings = in_order(recordings, spec)
     check_taxels(augmentation, recordings.n_channels)
     trains = from_trials(_encode_trials(recordings, spec, progress), **_about(recordings, spec))
+    varied = recordings if copied is None else in_order(copied, spec)
+    return replace(trains, variations=_variations(varied, trains.encoder, augmentation))
+
+
+def _variations(
+    recordings: Trials, encoder: Mapping[str, Any], augmentation: AugmentationSpec | None
+) -> Variations | None:
+    """The varied copies of some trials, whose spikes are made when they are read; None without any."""
     if augmentation is None or not augmentation.kinds:
-        return trains
-    of, kind = order_of(len(recordings), augmentation)
-    conditions = trains.conditions.iloc[of].reset_index(drop=True)
-    about = _about(recordings, spec) | {"conditions": conditions}
-    return replace(
-        trains, variations=Variations(from_trials(_copies(copied or recordings, spec, augmentation), **about), of, kind)
-    )
+        return None
+    return CopiesWhenRead(recordings.loaded(), encoder, augmentation).variations()
 
 
-def _copies(recordings: Trials, spec: EncoderSpec, augmentation: AugmentationSpec) -> Iterator[TrialSpikes]:
-    """The spikes of the varied copies of some trials."""
-    for copies in varied_copies(recordings.loaded(), augmentation):
-        yield from _encode_blocks(copies.recordings, spec, None)
+def encode_copies(recordings: Recordings, encoder: Mapping[str, Any]) -> SpikeTrains:
+    """The spikes of some varied copies; encoder: the table of their encoder."""
+    spec = build(of_name(name_in(encoder)).spec, encoder, source="encoder")
+    return from_trials(_encode_blocks(recordings, spec, None), **_about(recordings, spec))
 
 
 def encode_file(
@@ -108,20 +107,14 @@ def encode_file(
     """
     recordings = in_order(recordings, spec)
     check_taxels(augmentation, recordings.n_channels)
-    about, varied = _about(recordings, spec), None
-    if augmentation is not None:
-        varied = order_of(len(recordings), augmentation)
-        every = pd.concat([about["conditions"], about["conditions"].iloc[varied[0]]], ignore_index=True)
-        about["conditions"] = every
+    about = _about(recordings, spec)
+    varied = _variations(recordings, about["encoder"], augmentation)
     fired = np.zeros(len(about["afferents"]), np.int64)
     with hdf5.spike_writer(path, **about, variations=varied) as writer:
         for trial in _encode_trials(recordings, spec, progress):
             writer.append(trial)
             fired += np.bincount(trial.units, minlength=len(fired))
-        n_steps = writer.n_steps
-        for trial in () if augmentation is None else _copies(recordings, spec, augmentation):
-            writer.append(trial)
-    return Encoded(len(recordings), fired, n_steps, about["sampling_rate_Hz"])
+    return Encoded(len(recordings), fired, writer.n_steps, about["sampling_rate_Hz"])
 
 
 def _encode_trials(recordings: Trials, spec: EncoderSpec, progress: Progress | None = None) -> Iterator[TrialSpikes]:

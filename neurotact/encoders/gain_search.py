@@ -6,7 +6,7 @@ Too high, and all inter-spike intervals (ISIs) crowd at the refractory period; t
 import math
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import replace
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 import pandas as pd
@@ -28,6 +28,8 @@ from neurotact.spec import Spec
 STRONGEST, STEPS_BELOW = 99.9, 3
 """The search begins `STEPS_BELOW` steps below the gain at which this percentile of the drive just reaches threshold."""
 
+STRIDE = 4
+"""Every so many candidates are tried until few trials are silent."""
 LEAST_FACTOR = 4.0**-12
 """Of a sensitivity's own value: where a search for silence ends."""
 NEAREST = 0.01
@@ -67,6 +69,8 @@ class CalibrationRule(Spec):
     """Maximum number of those taxels on which the gains are searched; all if they are searched for a rate."""
     searched: int = Field(default=8192, ge=1)
     """Maximum number of trials times taxels on which they are searched; each class has two trials or more."""
+    every: bool = False
+    """Try every candidate, also those that would not be chosen, as a figure of the search shows them."""
     shuffles: int = Field(default=8, ge=1)
     """Random permutations of the labels; their separation is the chance level."""
     seed: int = Field(default=0, ge=0)
@@ -163,7 +167,7 @@ def search(
     rng: np.random.Generator,
     progress: Progress | None,
 ) -> _Searched:
-    """The spikes of each population at each candidate gain."""
+    """The spikes of each population at each candidate gain (`_ascend`)."""
     n_seconds = np.array(excerpts.signals.lengths) / excerpts.sampling_rate_Hz
     labels = excerpts.labels
     labellings = [labels, *permuted(labels, rule.shuffles, rng, excerpts.numbers)]
@@ -171,12 +175,12 @@ def search(
     edges = [_edges(excerpts, spec, sensitivity) for sensitivity in sensitivities]
     rows, isi, rates, prepared = [], [], {}, _prepared(excerpts, spec)
 
-    def tried(values: Sequence[float]) -> list[float]:
-        """Spikes per second of an afferent of each sensitivity at these values, which are added to the tables."""
-        encoder = _with(spec, dict(zip(sensitivities, values, strict=True)))
-        for sensitivity, value, steps, fired in zip(
-            sensitivities, values, edges, _fire(prepared, encoder, sensitivities), strict=True
-        ):
+    def tried(values: Sequence[float], of: Sequence[Sensitivity] = sensitivities) -> list[dict[str, Any]]:
+        """The rows of these values of each sensitivity, or of some (`of`), which are added to the tables."""
+        encoder, n_before = _with(spec, dict(zip(sensitivities, values, strict=True))), len(rows)
+        for sensitivity, fired in zip(of, _fire(prepared, encoder, of), strict=True):
+            place = sensitivities.index(sensitivity)
+            value, steps = values[place], edges[place]
             row = {
                 "afferent": sensitivity.name,
                 "gain": value,
@@ -190,23 +194,21 @@ def search(
             of_trials = fired.shares.mean(axis=1)
             of_classes = [of_trials[labels == label].mean(axis=0) for label in range(len(excerpts.classes))]
             isi.append((sensitivity.name, value, steps / _clock(excerpts, spec) * 1e3, of_classes))
+        return rows[n_before:]
+
+    def advance(n: int, values: Sequence[float]) -> None:
+        pairs = zip(sensitivities, values, strict=True)
+        note = ", ".join(f"{sensitivity.name} {value:g}" for sensitivity, value in pairs)
         if progress:
-            progress(
-                1,
-                ", ".join(
-                    f"{sensitivity.name} {value:g}" for sensitivity, value in zip(sensitivities, values, strict=True)
-                ),
-            )
-        return [row["spikes_per_s"] for row in rows[-len(sensitivities) :]]
+            for _ in range(n):
+                progress(1, note)
 
     if rule.spikes_per_s is not None:
-        _to_rate(spec, rule, tried)
+        _to_rate(spec, rule, tried, advance)
     elif isinstance(spec, DrivenSpec):
-        for values in zip(*_candidates(excerpts, spec, rule).values(), strict=True):
-            tried(values)
+        _ascend([*_candidates(excerpts, spec, rule).values()], sensitivities, rule, tried, advance)
     else:
-        for values in zip(*_from_silence(prepared, spec, rule), strict=True):
-            tried(values)
+        _ascend(_from_silence(prepared, spec, rule), sensitivities, rule, tried, advance)
     places = {
         sensitivity.name: (order, -1 if sensitivity.is_threshold else 1)
         for order, sensitivity in enumerate(sensitivities)
@@ -231,7 +233,59 @@ def _with(spec: EncoderSpec, values: Mapping[Sensitivity, float]) -> EncoderSpec
     return spec
 
 
-def _to_rate(spec: EncoderSpec, rule: CalibrationRule, tried: Callable[[Sequence[float]], list[float]]) -> None:
+def _ascend(
+    candidates: Sequence[Sequence[float]],
+    sensitivities: Sequence[Sensitivity],
+    rule: CalibrationRule,
+    tried: Callable[[Sequence[float], Sequence[Sensitivity]], list[dict[str, Any]]],
+    progress: Callable[[int, Sequence[float]], None],
+) -> None:
+    """Try the candidates of each sensitivity that may be chosen (`following`), those of one place together."""
+    steps, n_done = list(zip(*candidates, strict=True)), 0
+    known: dict[Sensitivity, dict[int, Mapping[str, Any]]] = {sensitivity: {} for sensitivity in sensitivities}
+    while True:
+        wanted = {one: place for one, rows in known.items() if (place := following(rows, rule)) is not None}
+        if not wanted:
+            return progress(len(steps) - n_done, steps[-1])
+        place = min(wanted.values())
+        together = [one for one in sensitivities if wanted.get(one) == place]
+        for one, row in zip(together, tried(steps[place], together), strict=True):
+            known[one][place] = row
+        if n_done < len(steps):
+            progress(1, steps[place])
+            n_done += 1
+
+
+def following(rows: Mapping[int, Mapping[str, Any]], rule: CalibrationRule) -> int | None:
+    """The place of the candidate to try next, from few spikes to many; None if no other one would be chosen.
+
+    With more spikes fewer trials are silent, and more intervals are at the refractory floor: what is below a candidate
+    that leaves too many silent is not tried, nor what is above one that crowds too many there, unless none satisfies
+    both limits. The most crowded ones have most of the spikes to compute.
+    rows: of those that were tried, by their place.
+    """
+    last, most = rule.candidates - 1, rule.max_floor_share
+    top = max(rows, default=-1)
+    if rule.every:
+        return top + 1 if top < last else None
+    awake = [place for place, row in rows.items() if row["silent_share"] <= rule.max_silent_share]
+    if not awake and top < last:
+        return min(top + STRIDE, last)
+    if awake and (below := min(awake) - 1) >= 0 and below not in rows:
+        return below
+    if awake and top < last and rows[top]["floor_share"] <= most:
+        return top + 1
+    if any(rows[place]["floor_share"] <= most for place in awake):
+        return None
+    return max(set(range(top)) - {*rows}, default=None)
+
+
+def _to_rate(
+    spec: EncoderSpec,
+    rule: CalibrationRule,
+    tried: Callable[[Sequence[float]], list[dict[str, Any]]],
+    progress: Callable[[int, Sequence[float]], None],
+) -> None:
     """Try values that come nearer and nearer to the rate: steps of 8 until it is passed, then halves in logarithms.
 
     It ends where a value of each sensitivity is within `NEAREST` of the rate, and after `rule.candidates` steps.
@@ -247,12 +301,14 @@ def _to_rate(spec: EncoderSpec, rule: CalibrationRule, tried: Callable[[Sequence
             float(f"{math.exp(-x if sensitivity.is_threshold else x):.4g}")
             for sensitivity, x in zip(sensitivities, logs, strict=True)
         ]
-        for i, rate in enumerate(tried(values)):
+        for i, row in enumerate(tried(values)):
+            rate = row["spikes_per_s"]
             below[i], above[i] = (logs[i], above[i]) if rate < wanted else (below[i], logs[i])
             is_between = math.isfinite(below[i]) and math.isfinite(above[i])
             step = math.log(8) if rate < wanted else -math.log(8)
             logs[i] = (below[i] + above[i]) / 2 if is_between else logs[i] + step
             are_near[i] |= abs(rate / wanted - 1) <= NEAREST
+        progress(1, values)
         if all(are_near):
             return
 

@@ -34,6 +34,26 @@ class Scaling(NamedTuple):
     noise: tuple[str, ...]
 
 
+class Spread(NamedTuple):
+    """What a scaling takes from the excerpts, `(taxel,)` each.
+
+    mean, scale: the rest above which each taxel's signal is measured in deviations. noise, small: as in `Scaling`.
+    """
+
+    names: np.ndarray
+    mean: np.ndarray
+    scale: np.ndarray
+    noise: np.ndarray
+    small: np.ndarray
+
+    def scaling(self, baseline: Baseline, *, inverted: bool = False, rest_sd: float = REST_SD) -> Scaling:
+        """The scaling of `fit`."""
+        scale = self.scale * (-1 if inverted else 1)
+        rest = np.where(self.noise, self.mean, self.mean - rest_sd * scale)
+        small, noise = (tuple(self.names[which].tolist()) for which in (self.small, self.noise))
+        return Scaling(_short(rest) if baseline == "none" else None, _short(scale), small, noise)
+
+
 def fit(
     recorded: Trials,
     excerpts: Sequence[np.ndarray],
@@ -55,6 +75,11 @@ def fit(
     deviations below its mean.
     Raises InputError for constant signals.
     """
+    return spread_of(recorded, excerpts).scaling(baseline, inverted=inverted, rest_sd=rest_sd)
+
+
+def spread_of(recorded: Trials, excerpts: Sequence[np.ndarray]) -> Spread:
+    """What `fit` takes from the excerpts, whatever the polarity and the rest."""
     mean, scale = (np.array(values) for values in fit_standardisation(excerpts))
     reach = np.max([np.abs(x - mean).max(axis=0) for x in excerpts], axis=0)
     level = np.max([np.abs(x).max(axis=0) for trial in range(len(recorded)) for x in pieces(recorded, trial)], axis=0)
@@ -67,10 +92,8 @@ def fit(
     liveliest = scale[~still].max()
     quiet = still | (scale < QUIET * liveliest)
     noise = quiet & ~tells_classes(excerpts, recorded.labels) if (quiet & ~still).any() else still
-    scale = np.where(noise, QUIET * liveliest, scale) * (-1 if inverted else 1)
-    offset = _short(np.where(noise, mean, mean - rest_sd * scale)) if baseline == "none" else None
-    names = np.array(recorded.channels)
-    return Scaling(offset, _short(scale), tuple(names[quiet & ~noise].tolist()), tuple(names[noise].tolist()))
+    scale = np.where(noise, QUIET * liveliest, scale)
+    return Spread(np.array(recorded.channels), mean, scale, noise, quiet & ~noise)
 
 
 def tells_classes(excerpts: Sequence[np.ndarray], labels: np.ndarray) -> np.ndarray:

@@ -22,6 +22,8 @@ with lazily():
     import pandas as pd
 
 
+OF_NUMBERS = "predicted_"
+"""Begin of the columns of numbers that are told."""
 SIDE = "side"
 """The column of a report that says where a network met each window's trial before, where it has one."""
 TRAINING, VALIDATION, TEST, UNSEEN, UNKNOWN = SIDES = ("training", "validation", "test", "unseen", "unknown")
@@ -188,8 +190,9 @@ def table_of(
 def summary(table: pd.DataFrame) -> pd.DataFrame:
     """Means of a SOP report for each class, in order of the labels, and for `all` windows in the last row.
 
-    Columns: label, windows (how many), accuracy, and the means of steps, spikes and SOPs. A report with the column
-    `side` is summarised side by side, in the order from the most seen to the least: its `all` rows stand within a
+    Columns: label, windows (how many), accuracy, and the means of steps, spikes and SOPs; where numbers are told,
+    `rmse_NAME`, the root-mean-square error of each, in place of the accuracy. A report with the column `side` is
+    summarised side by side, in the order from the most seen to the least: its `all` rows stand within a
     side, since one accuracy over training and test windows means nothing.
 
     >>> sent, hidden = np.array([10, 0]), np.array([4, 0])
@@ -198,7 +201,8 @@ def summary(table: pd.DataFrame) -> pd.DataFrame:
     >>> summary(table)[["label", "windows", "accuracy", "steps", "sops_total"]].values.tolist()
     [['a', 1, 0.0, 300.0, 452.0], ['b', 1, 1.0, 100.0, 0.0], ['all', 2, 0.5, 200.0, 226.0]]
     """
-    missing = [column for column in COLUMNS if column not in table]
+    targets = [str(column).removeprefix(OF_NUMBERS) for column in table if str(column).startswith(OF_NUMBERS)]
+    missing = [column for column in COLUMNS if column not in table and not (targets and column == "predicted")]
     if missing:
         raise InputError(f"synops: the report lacks the column '{missing[0]}'; write it again with neurotact sops")
     if SIDE in table and len(table):
@@ -209,12 +213,20 @@ def summary(table: pd.DataFrame) -> pd.DataFrame:
         {
             "label": str(label),
             "windows": len(part),
-            "accuracy": (part["label"] == part["predicted"]).mean(),
+            **_judged(part, targets),
             **part[counted].mean().to_dict(),
         }
         for label, part in parts
     ]
-    return pd.DataFrame(rows, columns=["label", "windows", "accuracy", *counted])
+    return pd.DataFrame(rows)
+
+
+def _judged(part: pd.DataFrame, targets: Sequence[str]) -> dict[str, float]:
+    """The accuracy of decisions, or the root-mean-square error of each target."""
+    if not targets:
+        return {"accuracy": (part["label"] == part["predicted"]).mean()}
+    squares = {name: (part[f"{OF_NUMBERS}{name}"] - part[f"true_{name}"]) ** 2 for name in targets}
+    return {f"rmse_{name}": float(values.mean() ** 0.5) for name, values in squares.items()}
 
 
 def summary_markdown(means: pd.DataFrame, what: str) -> str:
@@ -234,7 +246,7 @@ def _marked(means: pd.DataFrame) -> pd.DataFrame:
     >>> _marked(seen).values.tolist()
     [['training', 70, '0.875 (seen in training)'], ['test', 15, '0.75']]
     """
-    if SIDE not in means:
+    if SIDE not in means or "accuracy" not in means:
         return means
     notes = np.where(means[SIDE] == TRAINING, " (seen in training)", "")
     return means.assign(accuracy=[f"{share:.6g}{note}" for share, note in zip(means["accuracy"], notes, strict=True)])

@@ -4,6 +4,7 @@ Other rooms take:
 
     definition.clock: apart, binned, spread
     definition.executors: FEATURES, LIF_INSTEAD, Subject, lacking, left_outside, require
+    definition.learned: Balance, LearnSpec
     definition.module: ModuleNetwork, new
     definition.native: addresses_of, device_of, exits_at, shape_of
     definition.network: Network
@@ -19,12 +20,15 @@ Other rooms take:
     exit.patience: ExitChoice, exits, in_words, is_tolerated, oracle_exit, upper_bound
     exit.rule: ExitRule, FULL_WINDOW, Leader
     exit.truncated: SimulatedWindows, judged, simulate_windows
-    training.balancing: Balance, SETTINGS, columns_of, note
+    training.balancing: SETTINGS, columns_of, note
     training.cautions: FEW_PER_CLASS, MEMBER, calibrated, copies, few_test_trials, not_learned, together, training
     training.cross_validation: TABLE, line, run, tasks_of
     training.epochs: Epoch, Examples, Training, best_in, best_of, evaluate, train
-    training.losses: cross_entropy, hinge
-    training.model_selection: SEEN, Tried, again, are_unranked, best_of, candidates, right_seen, trainings
+    training.linear: INVERSE_PENALTIES
+    training.losses: absolute_error, cross_entropy, hinge, squared_error
+    training.model_selection: RuledOut, SEEN, Tried, again, are_unranked, best_of, candidates, right_seen, rule_out,
+        trainings
+    training.numbers: of_trials
     training.outcome: outcome_of, summary_of
     training.ranges: OF_EVENTS, Ranges, evenly, record, record_states
     training.resumable: RESULT, check_place, clear, line_of, run, saved_in

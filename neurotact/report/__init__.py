@@ -7,9 +7,10 @@ Other rooms take:
     first_screen: mark, table_of_configurations, with_interval, within
     front: Front, baselines_of
     networks: DOWNLOADS, Steps, means_table, write
-    page: ANSWER, PAGE, PRINTED, RECORDINGS, STUDY, Table, if_there, moved, write
+    page: PRINTED, Table, if_there, write
     periods: NONE, head, in_ms, of_rows
     report: write
+    running: writer
     tables: first_spikes, with_pair, with_setting
     under_prices: times, turning
     way_answer: Configuration, WayAnswer, answers

@@ -25,7 +25,7 @@ from neurotact.report.encoding_drawings import encoding_drawings, name_classes, 
 from neurotact.report.extra_drawings import extra_drawings
 from neurotact.report.front import Front
 from neurotact.report.network_drawings import network_drawings
-from neurotact.report.page import ANSWER, Entry, Table, plain
+from neurotact.report.page import Entry, Table, plain
 from neurotact.report.tables import (
     afferents_of,
     extra_tables,
@@ -37,10 +37,10 @@ from neurotact.report.tables import (
 )
 from neurotact.report.wording import count, percent, spread
 from neurotact.spec import to_toml
-from neurotact.studies import measures
+from neurotact.studies import measures, store
 from neurotact.studies import study as studies
 from neurotact.studies.encoding_tables import read_encoding
-from neurotact.studies.store import is_done
+from neurotact.studies.store import ANSWER, is_done
 from neurotact.studies.study import SPLIT, Cell, StudySpec, cells, setting_columns, split_columns, swept_columns
 from neurotact.studies.way import HEADS
 from neurotact.tables import over_seeds, read_table, write_table
@@ -129,7 +129,7 @@ def write(
     cautions = front.beware(study, folder, done, fronts, trains)
     among = plugins.load_function("tools", "among_encoders")(study, fronts, results.join(spent), beside)
     shared = {"among": among.words, "tables": [among.table._asdict()]} if among and among.table else {}
-    places = {file: page.RECORDINGS for file in [study.dataset.file] if file} | {str(folder.absolute()): page.STUDY}
+    places = {file: store.RECORDINGS for file in [study.dataset.file] if file} | {str(folder.absolute()): store.STUDY}
     write_json(folder / ANSWER, _answers_as_json(fronts, cautions, places) | shared)
     shown = fronts[_first_shown(fronts)]
     of_best = shown.cells[shown.answer.rows.index(shown.answer.best)]
@@ -259,7 +259,7 @@ def _answers_as_json(fronts: Sequence[Front], cautions: Sequence[str], places: M
         "answers": [
             {
                 **one.in_words(),
-                "next": {"words": one.next[0], "commands": [page.moved(command, places) for command in one.next[1]]},
+                "next": {"words": one.next[0], "commands": [store.moved(command, places) for command in one.next[1]]},
                 "interval": list(one.answer.interval),
                 "test_trials": one.answer.trials.test,
                 **front.as_json(one),

@@ -24,12 +24,9 @@ from neurotact.figures.style import Drawn, save
 from neurotact.files import read_json, write_text
 from neurotact.spec import assignments_of
 from neurotact.studies.loading import Study
+from neurotact.studies.store import PAGE
 from neurotact.studies.study import to_toml
 
-ANSWER, PAGE = "answer.json", "report.html"
-"""The first screen of a report for programs, where its study has an answer in words."""
-STUDY, RECORDINGS = "STUDY", "RECORDINGS"
-"""Stand in the commands of answer.json for the folder and the recordings of the study, wherever they are."""
 PRINTED: ContextVar[Callable[[Drawn], object]] = ContextVar("printed", default=lambda drawn: None)
 """Called with each figure of a report when it is saved, and may change it then: who prints them for a paper."""
 NETWORKS = ("marks.js", "plotly.js", "state.js", "cell.js", "trade_off.js", "compare.js", "table.js", "main.js")
@@ -199,19 +196,6 @@ def _as_typed(settings: str, option: str) -> str | None:
     if not isinstance(given, dict):
         return None
     return f"`{' '.join(f'{option} {shlex.quote(text_of)}' for text_of in assignments_of(given))}`"
-
-
-def moved(command: str, places: Mapping[str, str]) -> str:
-    """A command whose paths begin elsewhere. places: the new beginning of a path, by the one that it has.
-
-    >>> moved("neurotact study run STUDY/study.toml -o STUDY-more", {STUDY: "/my runs/mine"})
-    "neurotact study run '/my runs/mine/study.toml' -o '/my runs/mine-more'"
-    """
-    words = shlex.split(command)
-    for old, new in places.items():
-        begins = re.compile(rf"{re.escape(old)}(?=[/\\-]|$)")
-        words = [begins.sub(lambda _, new=new: new, word, count=1) if begins.match(word) else word for word in words]
-    return shlex.join(words)
 
 
 def plain(value: Any) -> str | float:

@@ -56,8 +56,17 @@ def _used(table: pd.DataFrame) -> pd.DataFrame:
 
 
 def _tried(table: pd.DataFrame) -> pd.DataFrame:
-    """The trainings that validation chooses among."""
-    return table[table["chosen"] | ~table["last"]]
+    """The trainings to the end that validation chooses among."""
+    return table[(table["chosen"] | ~table["last"]) & table["accuracy_test"].notna()]
+
+
+def _ruled_out(table: pd.DataFrame) -> str:
+    """Which kinds of copies were not trained to the end, as a sentence behind a blank; empty for none."""
+    out = table[table["ruled_out"].notna()] if "ruled_out" in table else table[:0]
+    kinds = [f"{kind} in {len(part)}" for kind, part in out.groupby("augmentation", sort=False)]
+    if not kinds:
+        return ""
+    return f" Ruled out early, clearly below the best on validation trials after the same epochs: {', '.join(kinds)}."
 
 
 def _gained_by_copies(table: pd.DataFrame) -> float:
@@ -192,8 +201,9 @@ def tables(study: StudySpec, table: pd.DataFrame | None, networks: Sequence[Netw
         heads = ["validation (%)", "at trained conditions (%)", "at untrained ones (%)", "SOPs", "training windows"]
         shown.append(
             Table(
-                f"Each kind of varied copies: means over {len(tried) // len(counted)} trainings, before the last one. "
-                "Validation trials have a condition that training trials have not; they choose.",
+                f"Each kind of varied copies: means over {counted.size().max()} trainings, before the last one. "
+                "Validation trials have a condition that training trials have not; they choose."
+                f"{_ruled_out(table)}",
                 ["copies", *heads, "chosen"],
                 kinds,
                 1,

@@ -16,7 +16,7 @@ from neurotact.report.way_answer import WayAnswer, name_of, words
 from neurotact.report.wording import count, scale, spread
 from neurotact.spec import to_toml
 from neurotact.studies import way_cells
-from neurotact.studies.store import is_done
+from neurotact.studies.store import ANSWER, is_done
 from neurotact.studies.way import Listed, View, module_of, optional
 from neurotact.studies.way_study import WayStudy, cells
 from neurotact.tables import means_over, read_table, write_table
@@ -53,7 +53,7 @@ def write(study: WayStudy, folder: Path) -> Path:
     told = _told(study, results)
     found = way_answer.answers(_with_choice(results, means, module.VIEW), module.VIEW, results)
     shown = seen(means, module.VIEW, found, told.tables)
-    write_json(folder / page.ANSWER, told.as_json(shown["fronts"]))
+    write_json(folder / ANSWER, told.as_json(shown["fronts"]))
     every = list(cells(study))
     arrays = way_cells.load_arrays(folder / every[0].given)
     parameters = {key: value for key, value in study.parameters.items() if key != "data"}

@@ -15,7 +15,8 @@ from neurotact.networks.definition import recipe
 from neurotact.networks.definition.specs import RSNNSpec
 from neurotact.networks.training import model_selection, run_folder, tasks, trainer
 from neurotact.networks.training.epochs import Epoch
-from neurotact.networks.training.model_selection import Tried
+from neurotact.networks.training.linear import INVERSE_PENALTIES
+from neurotact.networks.training.model_selection import RuledOut, Tried
 from neurotact.networks.training.tasks import Task
 from neurotact.networks.use import measuring
 from neurotact.networks.use.measuring import by_condition
@@ -59,7 +60,7 @@ def run_cell(cell: Cell, trains: SpikeTrains, kept: Path | None = None, tells: b
         spec = cell.network
         progress = LongTraining(lambda: recipe.resolve(spec, tasks.seen(trains, task)), tells)
         if not _trains_once(cell):
-            return _robust(cell, trains, spec, progress)
+            return _robust(cell, trains, spec, progress, tells)
         fitted, sides = trainer.fit(trains, spec, task, cell.seeds, progress=progress)
         return _files_of(cell, trains, fitted, sides, perf_counter() - began)
     with scratch() as empty:
@@ -74,24 +75,40 @@ def _trains_once(cell: Cell) -> bool:
     return cell.network is not None and not chooses
 
 
-def _robust(cell: Cell, trains: SpikeTrains, spec: RSNNSpec, progress: Any) -> Files:
+def _robust(cell: Cell, trains: SpikeTrains, spec: RSNNSpec, progress: Any, tells: bool) -> Files:
     """The files of a cell whose varied copies are chosen on validation trials, and which is trained again."""
     began = perf_counter()
-    tried, best, last = robustly(cell, trains, spec, task_of(cell), progress)
+    tried, best, last, out = robustly(cell, trains, spec, task_of(cell), progress)
     every = tried if last is best else [*tried, last]
     rows = [one.row() | {"chosen": one is best, "last": one is last} for one in every]
+    rows += [one.row() for one in out]
+    for one in out if tells else ():
+        say(str(one))
     remedies = rows if cell.augmentation is not None else ()
     return _files_of(cell, trains, last.fitted, last.sides, perf_counter() - began, last=last, remedies=remedies)
 
 
-def robustly(
-    cell: Cell, trains: SpikeTrains, spec: RSNNSpec, task: Task, progress: Any = None
-) -> tuple[list[Tried], Tried, Tried]:
-    """The training with each kind of varied copies, the best on validation trials, and the last, on what these had."""
+class Robust(NamedTuple):
+    """The training with each kind of varied copies, the best on validation trials, and the last, on what these had.
+
+    out: the kinds that were not trained to the end.
+    """
+
+    tried: list[Tried]
+    best: Tried
+    last: Tried
+    out: list[RuledOut]
+
+
+def robustly(cell: Cell, trains: SpikeTrains, spec: RSNNSpec, task: Task, progress: Any = None) -> Robust:
+    """Choose among the kinds of varied copies, and train once more."""
     kinds = model_selection.candidates(cell.augmentation, trains.conditions, cell.split)
-    tried = [*model_selection.trainings(trains, spec, task, cell.seeds, kinds, progress)]
+    given = trains, spec, task, cell.seeds
+    begun, out = model_selection.rule_out(*given, kinds, progress)
+    left = [kind for kind in kinds if kind not in {one.kind for one in out}]
+    tried = [*model_selection.trainings(*given, left, progress, begun)]
     best = model_selection.best_of(tried)
-    return tried, best, model_selection.again(trains, best, cell.seeds, progress)
+    return Robust(tried, best, model_selection.again(trains, best, cell.seeds, progress), out)
 
 
 class LongTraining:
@@ -116,14 +133,14 @@ class LongTraining:
         if seconds < TOLD_S:  # the choices of a recipe take some milliseconds
             return
         spec = self._network()
-        n, epochs = spec.n_trainings, spec.training.epochs
+        n, epochs = spec.n_trainings, spec.training.epochs if spec.n_hidden else len(INVERSE_PENALTIES)
         most = n * epochs
-        at("train", self._n_epochs, most)
+        at("train", self._n_epochs, most, f", loss {epoch.train_loss:.3g}, validation {epoch.validation_accuracy:.0%}")
         if self._is_judged or not self._says or seconds < JUDGED_S:
             return
         self._is_judged = True
         minutes = seconds / self._n_epochs * most / 60
-        if minutes > LONG_MIN:
+        if minutes > LONG_MIN and spec.n_hidden:
             members = f" of {n} trainings" if n > 1 else ""
             say(
                 f"a network takes up to {minutes:.0f} min ({most} epochs{members}); fewer taxels, shorter windows "
@@ -168,7 +185,8 @@ def _files_of(
     }
     with scratch() as run:  # the layout of the run folder: paths between its files are the same
         target = cell_folder(run, cell)
-        run_folder.save(fitted, target, trains, run / cell.given, task)
+        windows = sides.train.spikes if len(sides.train.spikes) else None
+        run_folder.save(fitted, target, trains, run / cell.given, task, windows=windows)
         write_json(target / TIMING, {"seconds": perf_counter() - began, "epochs": len(fitted.training.epochs)})
         for name, content in (searched.files if searched else {}).items():
             with whole(target / name) as draft:

@@ -11,6 +11,7 @@ from pathlib import Path
 from typing import Any
 
 from neurotact import plugins
+from neurotact.progress import at
 from neurotact.studies.engine import AnyCell, Engine, Files, MapCells
 from neurotact.studies.store import cell_folder
 from neurotact.workers import pool_as_done, preload
@@ -40,7 +41,10 @@ def processes(n_workers: int) -> Iterator[MapCells]:
 
 def _run_from_disk(job: tuple[Callable[[Path], Any], Callable[..., Files], AnyCell, Path, Path, bool]) -> Files:
     load, run, cell, given, kept, tells = job
-    return run(cell, _loaded(load, given), kept, tells)
+    at("read")
+    loaded = _loaded(load, given)
+    at("begin")
+    return run(cell, loaded, kept, tells)
 
 
 @lru_cache(maxsize=2)

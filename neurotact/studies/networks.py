@@ -7,12 +7,29 @@ from typing import Any
 import pandas as pd
 
 from neurotact.data.hdf5 import load_spikes
-from neurotact.studies import cell as cells
-from neurotact.studies import preparation, study
+from neurotact.data.spikes import SpikeTrains
+from neurotact.lazily import lazily
+from neurotact.studies import study
 from neurotact.studies.calibration_keys import ENCODER
 from neurotact.studies.encoding_tables import read_encoding
-from neurotact.studies.engine import Engine, Results
+from neurotact.studies.engine import Engine, Files, Results
 from neurotact.studies.study import OF_SPIKES, SOURCE, Cell, StudySpec, swept_columns, value_at
+
+with lazily():  # a process that waits for others, which compute, needs no torch
+    from neurotact.studies import cell as cells
+    from neurotact.studies import preparation
+
+
+def _prepare(folder: Path, what: StudySpec, of: list[Cell]) -> None:
+    preparation.prepare(folder, what, of)
+
+
+def _check(folder: Path, what: StudySpec, of: list[Cell]) -> None:
+    preparation.check(folder, what, of)
+
+
+def _run(cell: Cell, trains: SpikeTrains, kept: Path | None, tells: bool) -> Files:
+    return cells.run_cell(cell, trains, kept, tells)
 
 
 def tables(folder: Path, what: StudySpec, results: Results) -> Mapping[str, pd.DataFrame]:
@@ -55,5 +72,5 @@ def _encoding_table(folder: Path, results: Results, swept: list[str]) -> pd.Data
     return pd.concat(parts, ignore_index=True)
 
 
-ENGINE = Engine(study.cells, preparation.prepare, preparation.check, load_spikes, cells.run_cell, tables)
+ENGINE = Engine(study.cells, _prepare, _check, load_spikes, _run, tables)
 """The entry point `networks` of the group `neurotact.ways`."""

@@ -24,7 +24,7 @@ from neurotact.encoders.model import EncoderSpec
 from neurotact.encoders.specs import with_t_refs
 from neurotact.errors import InputError
 from neurotact.files import write_json
-from neurotact.progress import counting
+from neurotact.progress import at, counting
 from neurotact.spec import digest
 from neurotact.studies import encoding_tables, measures, store, tables_beside
 from neurotact.studies.cell import task_of
@@ -52,6 +52,7 @@ def prepare(folder: Path, study: StudySpec, cells: list[Cell]) -> None:
     spikes_flaws = store.flaws(target, _encodings(cells))
     store.say_flaws("", table_flaws, "written again")
     store.say_flaws(f"{target.name}/", spikes_flaws, "encoded again")
+    at("read")
     source = _source(study.dataset)
     before = store.sound_json(folder, DATA)
     is_same = before is not None and (source is None or source == before.get("source"))

@@ -14,7 +14,7 @@ from neurotact import effects, files
 from neurotact import spec as specs
 from neurotact.errors import InputError, some
 from neurotact.interrupt import stop_if_asked
-from neurotact.networks.definition import recipe
+from neurotact.lazily import lazily
 from neurotact.progress import say, track
 from neurotact.studies import store
 from neurotact.studies.engine import AnyCell, Engine, MapCells
@@ -25,6 +25,9 @@ from neurotact.studies.study import Cell, to_toml
 from neurotact.tables import read_table, write_table
 from neurotact.versions import versions
 from neurotact.workers import in_a_process
+
+with lazily():
+    from neurotact.networks.definition import recipe
 
 STUDY = "study.toml"
 VERSIONS = "versions.json"
@@ -49,7 +52,6 @@ def run(study: Study, folder: Path, workers: int | None = None, scheduler: str |
         is_new = files.is_free(folder)
         with executor(workers or 2, scheduler) as map_cells:
             _claim(folder, study)
-            _save_versions(folder)
             files.sweep(folder)
             at_last.callback(files.sweep, folder)  # drafts of worker processes that were stopped
             try:
@@ -64,6 +66,7 @@ def run(study: Study, folder: Path, workers: int | None = None, scheduler: str |
 def _compute(engine: Engine, study: Study, cells: list[Any], folder: Path, map_cells: MapCells) -> None:
     """Write the missing and the damaged files: shared inputs, and the files of each cell."""
     with track("prepare", 1) as advance:
+        _save_versions(folder)  # in a process, the first, whose server loads for seconds
         in_a_process(engine.prepare, folder, study, cells)
         advance(1, "")
     stop_if_asked()
@@ -218,7 +221,7 @@ def _short(value: Any) -> str:
 
 def _save_versions(folder: Path) -> None:
     """Write the versions with which a study starts; a line on stderr shows those that changed when it resumes."""
-    here, at_start = versions(), store.sound_json(folder, VERSIONS)
+    here, at_start = in_a_process(versions), store.sound_json(folder, VERSIONS)
     if at_start is None:
         store.say_flaws("", store.flaws(folder, [VERSIONS]), "written again with the present versions")
         files.write_json(folder / VERSIONS, here)

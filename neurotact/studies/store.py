@@ -8,6 +8,8 @@ its bytes depend on these files alone.
 import hashlib
 import json
 import math
+import re
+import shlex
 import shutil
 from collections.abc import Iterable, Iterator, Mapping
 from contextlib import contextmanager
@@ -21,6 +23,10 @@ from neurotact.progress import say
 from neurotact.studies.engine import AnyCell, Files
 
 FILES = "files.json"
+ANSWER, PAGE = "answer.json", "report.html"
+"""The first screen of a report for programs, where its study has an answer in words, and the report."""
+STUDY, RECORDINGS = "STUDY", "RECORDINGS"
+"""Stand in the commands of answer.json for the folder and the recordings of the study, wherever they are."""
 DATA = "data.json"
 """Describes the recordings of a run: their hash, number of trials, classes."""
 RESULT = "result.json"
@@ -236,3 +242,16 @@ def timing_of(folder: Path, cell: AnyCell) -> dict[str, float]:
     parts = ("seconds", "epochs")
     known: dict[str, Any] = {name: table.get(name) for name in parts} if isinstance(table, dict) else {}
     return {name: value for name, value in known.items() if type(value) in (int, float) and 0 <= value < math.inf}
+
+
+def moved(command: str, places: Mapping[str, str]) -> str:
+    """A command whose paths begin elsewhere. places: the new beginning of a path, by the one that it has.
+
+    >>> moved("neurotact study run STUDY/study.toml -o STUDY-more", {STUDY: "/my runs/mine"})
+    "neurotact study run '/my runs/mine/study.toml' -o '/my runs/mine-more'"
+    """
+    words = shlex.split(command)
+    for old, new in places.items():
+        begins = re.compile(rf"{re.escape(old)}(?=[/\\-]|$)")
+        words = [begins.sub(lambda _, new=new: new, word, count=1) if begins.match(word) else word for word in words]
+    return shlex.join(words)

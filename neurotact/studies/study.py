@@ -24,17 +24,20 @@ from neurotact.encoders.afferents import AfferentSpec
 from neurotact.encoders.model import AnyEncoder, usable
 from neurotact.encoders.specs import is_exact, pays_exact
 from neurotact.errors import InputError, nearest
+from neurotact.lazily import lazily
 from neurotact.metrics.prices import MEMORY_45NM, PriceList, price_list
-from neurotact.networks.definition import recipe
 from neurotact.networks.definition import space as spaces
+from neurotact.networks.definition.learned import Balance
 from neurotact.networks.definition.seeds import of_start
 from neurotact.networks.definition.space import SearchSpec
 from neurotact.networks.definition.specs import BUILT_IN, RSNNSpec, part_of
 from neurotact.networks.training import balancing
-from neurotact.networks.training.balancing import Balance
 from neurotact.spec import Spec
 from neurotact.studies import automatic, calibration_keys, measures, sweeps
 from neurotact.studies.claims import Claim
+
+with lazily():
+    from neurotact.networks.definition import recipe
 
 Measures = Annotated[dict[str, Any], BeforeValidator(measures.checked)]
 SOURCE = "dataset.parameters."

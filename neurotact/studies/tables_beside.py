@@ -4,6 +4,7 @@ Each is written before any cell runs, from the recordings of the first cell and 
 """
 
 from collections.abc import Callable, Container, Iterator, Sequence
+from dataclasses import replace
 from functools import partial
 from itertools import chain
 from pathlib import Path
@@ -89,7 +90,8 @@ def _fitted(
     trains, split = hdf5.load_spikes(folder / cell.given), {key: value_at(cell, key) for key in split_columns(study)}
     task = task_of(cell).model_copy(update={"subset": {}})
     parts, last = tasks.trials_of(trains, task), tasks.with_every_condition(trains, task)
-    every, first = trains.with_variations(), copies_of(trains).first
+    trains = with_used_copies(trains, cell, parts, *([] if last is None else [tasks.trials_of(trains, last)]))
+    every, first = trains.with_variations(cells[0].window), copies_of(trains).first
     if trains.variations is not None:  # the trial of a varied copy is that of which it is one
         first = np.concatenate([first, first[trains.variations.of]])
     windows, labels = every.cut(cells[0].window), class_indices(every.conditions)
@@ -103,7 +105,8 @@ def _fitted(
             known = tasks.trials_of(trains, last)
             cuts = cuts._replace(last=with_training(cut(known), trains, cell, known))
         of_signals = opponents.signal_inputs(recordings, cuts, study.baselines, pieces) if is_first else ()
-        counts = {"is_first": is_first, "encoding": study.encoding_in == "processor"}
+        recorded = int((windows.trial < len(trains)).sum())
+        counts = {"is_first": is_first, "encoding": study.encoding_in == "processor", "recorded": recorded}
         of_spikes = opponents.spike_inputs(every, pair, cuts, study.baselines, **counts)
         of_spikes = () if study.baselines == "linear" else of_spikes
         for row in opponents.rows(chain(of_signals, of_spikes), labels[windows.trial], cuts):
@@ -114,14 +117,26 @@ def _fitted(
             yield {"dataset": name, **split, **row, **encoder, opponents.RIGHT: touches}
 
 
+def with_used_copies(trains: SpikeTrains, cell: Cell, *parts: Split) -> SpikeTrains:
+    """The spike trains with the varied copies alone that some trainings use."""
+    if cell.augmentation is None or trains.variations is None:
+        return trains
+    kinds = model_selection.candidates(cell.augmentation, trains.conditions, cell.split)
+    varied = model_selection.are_unranked(kinds, trains.conditions, cell.split)
+    copied = np.concatenate([trials for part in parts for trials in (part.train, part.validation)[: 1 + varied]])
+    used = np.isin(trains.variations.of, copied) & np.isin(trains.variations.kind, kinds)
+    return replace(trains, variations=trains.variations.only(np.flatnonzero(used)))
+
+
 def pieces_with_copies(recordings: Recordings, windows: Windows, trains: SpikeTrains, cell: Cell) -> list[np.ndarray]:
     """The samples of each window of the recorded trials, then of those of their varied copies."""
     assert cell.augmentation is not None
+    assert trains.variations is not None
     of_recorded = windows.trial < len(trains)
     recorded = Windows(windows.trial[of_recorded], windows.start[of_recorded], windows.n_steps)
     pieces = [*opponents.pieces_of(recordings, recorded, trains.sampling_rate_Hz)]
     before = len(trains)
-    for copies in varied_copies(copied_part(recordings, cell), cell.augmentation):
+    for copies in varied_copies(copied_part(recordings, cell), cell.augmentation, trains.variations.places):
         inside = (windows.trial >= before) & (windows.trial < before + len(copies.of))
         own = Windows(windows.trial[inside] - before, windows.start[inside], windows.n_steps)
         pieces += [piece.copy() for piece in opponents.pieces_of(copies.recordings, own, trains.sampling_rate_Hz)]

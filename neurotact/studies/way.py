@@ -11,8 +11,11 @@ import numpy as np
 import pandas as pd
 
 from neurotact import plugins
-from neurotact.figures.style import Drawn
+from neurotact.lazily import lazily
 from neurotact.spec import Spec
+
+with lazily():
+    from neurotact.figures import style
 
 Arrays = dict[str, np.ndarray]
 """The shared input of the cells of a study, by name; no array of objects."""
@@ -129,7 +132,7 @@ class _Way(Protocol):
         """The rows of `results.csv` of one cell: plain numbers and text."""
         ...
 
-    def draw(self, results: pd.DataFrame, arrays: Arrays) -> Iterator[Drawn]:
+    def draw(self, results: pd.DataFrame, arrays: Arrays) -> "Iterator[style.Drawn]":
         """The figures of the report."""
         ...
 

@@ -251,7 +251,7 @@ def _of_network(prepared: Prepared) -> dict[str, Any]:
     """The row of the network, trained with the kind of varied copies that is best on validation trials."""
     cell, trains = prepared.cell, prepared.trains
     assert cell.network is not None
-    _, _, best = robustly(cell, trains, cell.network, prepared.task)
+    best = robustly(cell, trains, cell.network, prepared.task).last
     measured = measuring.measure(best.fitted, best.sides, trains.populations)["row"]
     row = {**measured, **best.validated, "hidden": best.fitted.network.spec.hidden}
     how = {"afferents": ledger.Afferents.of(trains), "n_classes": len(trains.classes)}
@@ -278,8 +278,11 @@ def _of_network(prepared: Prepared) -> dict[str, Any]:
 
 def _of_opponents(prepared: Prepared) -> Iterator[dict[str, Any]]:
     """A row for each opponent, with the same windows, trials and copies."""
-    cell, trains = prepared.cell, prepared.trains
-    every = trains.with_variations()
+    cell, again = prepared.cell, tasks.with_every_condition(prepared.trains, prepared.task)
+    used = [tasks.trials_of(prepared.trains, task) for task in (prepared.task, again) if task is not None]
+    trains = tables_beside.with_used_copies(prepared.trains, cell, *used)
+    prepared = prepared._replace(trains=trains)
+    every = trains.with_variations(cell.window)
     windows = every.cut(cell.window)
 
     def cuts_of(task: Task) -> tuple[Cuts, Split, np.ndarray]:
@@ -290,7 +293,7 @@ def _of_opponents(prepared: Prepared) -> Iterator[dict[str, Any]]:
         return tables_beside.with_training(cuts, trains, cell, tested), split, seen
 
     cuts, split, kept_trials = cuts_of(prepared.task)
-    if (again := tasks.with_every_condition(trains, prepared.task)) is not None:
+    if again is not None:
         last, split, kept_trials = cuts_of(again)
         cuts = cuts._replace(last=last)
     labels = class_indices(every.conditions)[windows.trial]
@@ -312,7 +315,9 @@ def _inputs(prepared: Prepared, every: SpikeTrains, cuts: Cuts) -> Iterator[Inpu
     for one in opponents.signal_inputs(recordings, cuts, "quick", pieces):
         yield one if one.features.ndim == 3 else one._replace(opponents=on_features)
     first_ms, second_ms = t_ref_pair_ms(cell.encoder)
-    *_, binned = opponents.spike_inputs(every, (second_ms, first_ms), cuts)
+    *_, binned = opponents.spike_inputs(
+        every, (second_ms, first_ms), cuts, recorded=int((cuts.windows.trial < len(trains)).sum())
+    )
     yield binned._replace(opponents=on_features)
 
 

@@ -9,12 +9,11 @@ from contextlib import contextmanager
 from importlib import resources
 from pathlib import Path, PurePosixPath
 from tempfile import TemporaryDirectory
-from typing import Any, NamedTuple
+from typing import Any, Literal, NamedTuple, get_args
 
 import neurotact as nt
 from neurotact import files
 from neurotact import spec as specs
-from neurotact.checks import one_of
 from neurotact.data.dataset import expand
 from neurotact.data.fetch import SETS
 from neurotact.errors import InputError
@@ -25,13 +24,16 @@ with lazily():
     import pandas as pd
     from neurotact_parts.studies.publishing import methods, prints, references
 
-    from neurotact import tables
+    from neurotact import checks, tables
     from neurotact.figures import style
-    from neurotact.report import networks, page, ways
+    from neurotact.report import networks, page, report, ways
     from neurotact.report import tables as report_tables
     from neurotact.studies import loading, measures, runner, store
-    from neurotact.studies.study import StudySpec, setting_columns
+    from neurotact.studies import study as networks_study
 
+Width = Literal["ieee", "ieee-column", "nature", "nature-column"]
+WIDTHS_in: dict[str, float] = dict(zip(get_args(Width), (7.16, 3.5, 180 / 25.4, 85 / 25.4), strict=True))
+"""Of two columns and of one. Those of Frontiers are those of Nature, 180 and 85 mm."""
 HASHES, RECORDINGS, AGAIN = "SHA256SUMS", "recordings.sha256", "reproduce.sh"
 SHARED = "$NEUROTACT_DATA/"
 """Begins the path of recordings whose folder the environment names; in a bundle that is `data`."""
@@ -78,7 +80,7 @@ def bundle_study(
     study: str | Path,
     out: str | Path,
     *,
-    width: prints.Width = "ieee",
+    width: Width = "ieee",
     without_data: bool = False,
     force: bool = False,
     tell: Tell = untold,
@@ -98,7 +100,7 @@ def bundle_study(
 
     >>> nt.bundle_study("mine", "bundle", width="ieee-column")  # doctest: +SKIP
     """
-    one_of("width", width, tuple(prints.WIDTHS_in))
+    checks.one_of("width", width, tuple(WIDTHS_in))
     folder, target = Path(study), Path(out)
     what = runner.load(folder)
     _check_place(target, folder, force)
@@ -111,11 +113,12 @@ def bundle_study(
     target.parent.mkdir(parents=True, exist_ok=True)
     with TemporaryDirectory(dir=target.parent, prefix=files.DRAFT) as place:
         draft = Path(place, "bundle")
-        with _printing(draft / "figures", prints.WIDTHS_in[width]):
-            nt.report_study(folder)
+        runner.write_tables(folder)
+        with _printing(draft / "figures", WIDTHS_in[width]):  # in this process, which draws for the paper
+            report.write(folder)
         names = _write_tables(draft, folder, what)
         _write(draft / "study.toml", specs.to_toml(table))
-        for name in ("versions.json", "data.json", page.ANSWER):
+        for name in ("versions.json", "data.json", store.ANSWER):
             if (folder / name).is_file():
                 shutil.copyfile(folder / name, draft / name)
         _write(draft / "methods.md", f"# Methods: {what.title}\n\n{methods.in_words(what)}\n")
@@ -125,7 +128,7 @@ def bundle_study(
         script = (resources.files(__package__ or "") / AGAIN).read_text(encoding="utf-8")
         _write(draft / AGAIN, script.replace("NAMES", " ".join(names)).replace("COUNT", str(len(names))))
         (draft / AGAIN).chmod(0o755)
-        _write(draft / "README.md", _readme(what, sources, prints.WIDTHS_in[width], without_data))
+        _write(draft / "README.md", _readme(what, sources, WIDTHS_in[width], without_data))
         for path, kept in () if without_data else (pair for source in sources for pair in source.files()):
             (draft / kept).parent.mkdir(parents=True, exist_ok=True)
             shutil.copyfile(path, draft / kept)
@@ -213,21 +216,21 @@ def _write_tables(draft: Path, folder: Path, study: "loading.Study") -> list[str
     for number, shown in enumerate(_shown(folder, study), 1):
         table = pd.DataFrame(shown["rows"], columns=shown["columns"])
         tables.write_table(table, draft / "tables" / f"shown-{number}.tex", shown["caption"])
-    return [page.ANSWER, *names] if (folder / page.ANSWER).is_file() else names
+    return [store.ANSWER, *names] if (folder / store.ANSWER).is_file() else names
 
 
 def _shown(folder: Path, study: "loading.Study") -> list[dict[str, Any]]:
     """The short tables of the report, as a paper shows them."""
     found = list(nt.study_answer(folder).get("tables", []))
-    if isinstance(study, StudySpec) and study.network is not None:
+    if isinstance(study, networks_study.StudySpec) and study.network is not None:
         results = report_tables.with_pair(tables.read_table(folder / "results.csv"), study)
-        results = report_tables.with_setting(results, setting_columns(study))
+        results = report_tables.with_setting(results, networks_study.setting_columns(study))
         found.insert(0, networks.means_table(results, study)._asdict())
     return found
 
 
 def _captions(study: "loading.Study") -> dict[str, str]:
-    if not isinstance(study, StudySpec):
+    if not isinstance(study, networks_study.StudySpec):
         return ways.DOWNLOADS
     return networks.DOWNLOADS | {
         f"{one.table}.csv": one.download for one in measures.requested(study.measures).values()

@@ -1,6 +1,6 @@
 """Figures of a report at the width of a journal's column: panels that stand beside each other go below each other."""
 
-from typing import Any, Literal, get_args
+from typing import Any
 
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
@@ -9,9 +9,6 @@ from matplotlib.legend import Legend
 
 from neurotact.figures.style import printed
 
-Width = Literal["ieee", "ieee-column", "nature", "nature-column"]
-WIDTHS_in: dict[str, float] = dict(zip(get_args(Width), (7.16, 3.5, 180 / 25.4, 85 / 25.4), strict=True))
-"""Of two columns and of one. Those of Frontiers are those of Nature, 180 and 85 mm."""
 NARROW_in = 5.0
 """Below it, a figure has one column of panels."""
 

@@ -12,12 +12,25 @@ from neurotact_parts.opponents.minirocket import FixedConvolutions
 from neurotact_parts.opponents.pooled_gru import GRU, PooledStates
 from neurotact_parts.opponents.scikit_learn import Trees, mean_depth
 from sklearn.ensemble import ExtraTreesClassifier
+from sklearn.linear_model import RidgeClassifier, RidgeClassifierCV
 from sklearn.neighbors import KNeighborsClassifier
-from sklearn.pipeline import Pipeline
+from sklearn.pipeline import Pipeline, make_pipeline
+from sklearn.preprocessing import StandardScaler
 from sklearn.svm import SVC
 
-from neurotact.baselines.features import BandPowers
-from neurotact.baselines.opponent import Opponent, Sides, best_of, first_best, joined, load
+from neurotact.baselines.features import BandPowers, averaged
+from neurotact.baselines.opponent import (
+    Opponent,
+    Sides,
+    accuracy,
+    best_of,
+    first_best,
+    joined,
+    load,
+    part_of,
+    say_once,
+    standardised,
+)
 from neurotact.errors import InputError
 from neurotact.metrics import flops
 from neurotact.metrics.flops import Cost, cost
@@ -65,19 +78,16 @@ def test_a_choice_is_fitted_again_with_its_settings(monkeypatch, family, shape):
 
 
 @pytest.mark.parametrize("kind", ["f8", "f4", "i8"])
-@pytest.mark.parametrize("most_shared", [5000, 23])
-def test_machines_of_a_gamma_share_a_kernel_and_are_those_of_libsvm(monkeypatch, most_shared, kind):
+def test_machines_of_a_gamma_share_a_kernel_and_are_those_of_libsvm(monkeypatch, kind):
     computed, rbf_kernel = [], scikit_learn.rbf_kernel
-    monkeypatch.setattr(scikit_learn, "MOST_SHARED", most_shared)
     monkeypatch.setattr(
         scikit_learn, "rbf_kernel", lambda *x, gamma: computed.append(gamma) or rbf_kernel(*x, gamma=gamma)
     )
     made = sides_of(3)
     sides = made._replace(**{side: (4 * getattr(made, side)).astype(kind) for side in ("train", "validation", "test")})
     found = list(scikit_learn.SVM.candidates(sides, 0))
-    shares = most_shared >= len(sides.train)
     assert len(found) == len(scikit_learn.SVM_GAMMAS) * len(scikit_learn.SVM_CS)
-    assert sorted(computed) == [gamma / 3 for gamma in scikit_learn.SVM_GAMMAS for _ in range(2 * shares)]
+    assert sorted(computed) == [gamma / 3 for gamma in scikit_learn.SVM_GAMMAS for _ in range(2)]
     for one in found:
         machines, alone = one.fitted, SVC(C=one.fitted.C, gamma=one.fitted.gamma).fit(sides.train, sides.y_train)
         np.testing.assert_array_equal(machines.support_vectors_, alone.support_vectors_)
@@ -89,6 +99,77 @@ def test_machines_of_a_gamma_share_a_kernel_and_are_those_of_libsvm(monkeypatch,
         np.testing.assert_array_equal(*narrow)
         again = machines.fit(sides.test, sides.y_test).predict(sides.validation)
         np.testing.assert_array_equal(again, alone.fit(sides.test, sides.y_test).predict(sides.validation))
+
+
+@pytest.mark.parametrize("most", [23, 24, 40])
+def test_settings_of_many_examples_are_searched_on_a_part_and_fitted_to_all(monkeypatch, capsys, most):
+    monkeypatch.setattr(scikit_learn, "MOST_SEARCHED", most)
+    say_once.cache_clear()
+    sides, n_grid = sides_of(3, n_train=40), len(scikit_learn.SVM_GAMMAS) * len(scikit_learn.SVM_CS)
+    found = list(scikit_learn.SVM.candidates(sides, 0))
+    list(scikit_learn.SVM.candidates(sides, 0))
+    told = capsys.readouterr().err.count(f"are searched on {most} training windows, evenly of each class; the best 2")
+    assert (len(found), told) == ((n_grid, 0) if most == 40 else (2, 1))
+    assert all(one.fitted.shape_fit_[0] == 40 for one in found)
+    if most == 40:
+        return
+    some = part_of(sides.y_train, most)
+    part = sides._replace(train=sides.train[some], y_train=sides.y_train[some])
+    monkeypatch.setattr(scikit_learn, "MOST_SEARCHED", 40)
+    every = [(accuracy(one, sides.validation, sides.y_validation), one) for one in scikit_learn.SVM.candidates(part, 0)]
+    ranked = sorted(every, key=lambda pair: (-pair[0], pair[1].fitted.n_support_.sum()))
+    settings = [{(one.fitted.C, one.fitted.gamma) for one in of} for of in (found, [one for _, one in ranked[:2]])]
+    assert settings[0] == settings[1]
+
+
+def test_sequences_are_standardised_on_the_training_side():
+    x = np.random.default_rng(0).normal(5.0, 3.0, (9, 20, 2))
+    x[:, :, 1] = 7.0
+    sides = standardised(x, np.arange(9), [np.arange(9) % 3 == side for side in range(3)])
+    assert [each.dtype for each in sides[:3]] == [np.float32] * 3
+    expected = (x[1::3] - x[::3].mean(axis=(0, 1))) / [x[::3, :, 0].std(), 1.0]
+    np.testing.assert_array_equal(sides.validation, expected.astype(np.float32))
+    assert sides.y_test.tolist() == [2, 5, 8]
+
+
+def test_samples_of_float32_are_as_exact_as_in_float64():
+    """A bin of one sample is the sample, so that sequences of a set of gigabytes take half of the memory."""
+    rng, sides = np.random.default_rng(0), [np.arange(30) % 3 == side for side in range(3)]
+    pieces = [(1e3 + rng.normal(size=(50, 3))).astype(np.float32) for _ in range(30)]
+    exact, narrow = (averaged(pieces, 50, kind) for kind in (np.float64, np.float32))
+    assert narrow.dtype == np.float32
+    np.testing.assert_array_equal(narrow, exact)
+    for one, other in zip(*(standardised(of, np.arange(30), sides) for of in (exact, narrow)), strict=True):
+        np.testing.assert_array_equal(one, other)
+
+
+@given(st.lists(st.integers(0, 4), min_size=1, max_size=60), st.integers(1, 70))
+def test_a_part_is_even_within_each_class(labels, n):
+    labels = np.array(labels)
+    some = part_of(labels, n)
+    assert len(some) == min(n, len(labels))
+    assert (np.diff(some) > 0).all()
+    sizes, kept = np.bincount(labels, minlength=5), np.bincount(labels[some], minlength=5)
+    assert (abs(kept - len(some) / len(labels) * sizes) <= 2).all()
+
+
+def test_a_penalty_of_many_trials_is_searched_on_a_part_and_fitted_to_all(monkeypatch, capsys):
+    monkeypatch.setattr(rocket, "FEATURES", 84)
+    sides = sides_of(0, n_train=40, shape=(40, 2))
+    whole = rocket.MiniRocketClassifier(84, random_state=0).fit(sides.train, sides.y_train)
+    monkeypatch.setattr(rocket, "MOST_SEARCHED", 30)
+    say_once.cache_clear()
+    fitted = rocket.MiniRocketClassifier(84, random_state=0).fit(sides.train, sides.y_train)
+    assert "the penalty of MiniRocket is searched on 30 training windows" in capsys.readouterr().err
+    some, features = part_of(sides.y_train, 30), whole.transform_.transform(sides.train)
+    searched = make_pipeline(StandardScaler(), RidgeClassifierCV(alphas=rocket.ALPHAS)).fit(
+        features[some], sides.y_train[some]
+    )
+    alone = make_pipeline(StandardScaler(), RidgeClassifier(searched[-1].alpha_)).fit(
+        features.astype(float), sides.y_train
+    )
+    np.testing.assert_allclose(fitted.ridge_[-1].coef_, alone[-1].coef_, rtol=1e-6, atol=1e-9)
+    np.testing.assert_array_equal(fitted.predict(sides.test), alone.predict(fitted.transform_.transform(sides.test)))
 
 
 def test_minirocket_has_one_candidate_of_the_default_size(monkeypatch):

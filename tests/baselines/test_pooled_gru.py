@@ -33,9 +33,11 @@ def test_parameters_by_hand():
     assert fitted.epochs_ == 1
 
 
-@pytest.mark.parametrize(("n", "epochs"), [(8, 200), (320, 50), (3200, 40)])
-def test_few_trials_get_more_epochs(n, epochs, monkeypatch):
-    """Batches of 8, 20 and 64: 1, 16 and 50 steps an epoch, 800 wanted."""
+@pytest.mark.parametrize(
+    ("n", "epochs"), [(8, 200), (320, 50), (3200, 40), (3840, 40), (3841, 39), (7680, 20), (30_000, 10)]
+)
+def test_few_trials_get_more_epochs_and_many_get_fewer(n, epochs, monkeypatch):
+    """Batches of 8, 20 and 64: 1, 16 and 50 steps an epoch, 800 wanted, and 60 of 3,840 trials, of at most 2400."""
     monkeypatch.setattr(PooledGRUClassifier, "_train", lambda *_: None)
     fitted = PooledGRUClassifier(hidden=1).fit(np.zeros((n, 1, 1)), np.arange(n) % 2)
     assert fitted.epochs_ == epochs

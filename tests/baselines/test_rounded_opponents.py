@@ -21,7 +21,7 @@ BIASES = {"intercept_", "_intercept_", "hidden_biases_", "biases_"}
 PARAMETERS = BIASES | {"coef_", "hidden_weights_", "input_weights_", "recurrent_weights_", "centroids_", "_fit_X",
                        "X_fit_", "dual_coef_"}  # fmt: skip
 """What a decision of an estimator reads: as the laws below ask, and not as the rounding has it."""
-FAMILIES = plugins.names("opponents")
+FAMILIES = [name for name in plugins.names("opponents") if plugins.load("opponents", name, Opponent).tells == "classes"]
 
 
 def sides_of(takes, seed=0):

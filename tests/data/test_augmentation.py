@@ -1,5 +1,7 @@
 """Varied copies: what varies, what stays, and that they follow their trial."""
 
+from dataclasses import replace
+
 import numpy as np
 import pandas as pd
 import pytest
@@ -9,6 +11,8 @@ from hypothesis import strategies as st
 from neurotact.data import hdf5
 from neurotact.data.augmentation import CANDIDATES, AugmentationSpec, played, varied_copies
 from neurotact.data.recordings import Recordings
+from neurotact.data.spikes import StoredCopies
+from neurotact.data.windows import WindowSpec
 from neurotact.encoders import specs
 from neurotact.encoders.encoding import encode_recordings
 from neurotact.errors import InputError
@@ -115,7 +119,7 @@ def test_blocks_do_not_change_copies(monkeypatch):
     (whole,) = varied_copies(recordings, spec)
     monkeypatch.setattr("neurotact.data.augmentation.BLOCK_VALUES", 1)
     parts = list(varied_copies(recordings, spec))
-    assert len(parts) == len(recordings)
+    assert len(parts) == len(recordings) * spec.copies
     assert np.concatenate([part.of for part in parts]).tolist() == whole.of.tolist()
     signals = [signal for part in parts for signal in part.recordings.signals]
     for one, other in zip(signals, whole.recordings.signals, strict=True):
@@ -214,15 +218,82 @@ def test_spikes_of_copies_are_those_of_their_signals_and_follow_their_trials(tmp
     assert [steps.tolist() for steps in some.variations.trains.steps] == [alone.steps[i].tolist() for i in (2, 3, 8, 9)]
 
 
-def test_a_file_whose_copies_are_of_no_trial_is_refused(tmp_path):
+def events(trains):
+    return [(steps.tolist(), units.tolist()) for steps, units in zip(trains.steps, trains.units, strict=True)]
+
+
+ENCODED = encode_recordings(
+    touches(rest=20), specs.resolve("sa1-ra1-lif", {**CLOCK, "sa1.gain": 60}), augmentation=AugmentationSpec(copies=2)
+)
+
+
+@given(rows=st.lists(st.integers(0, 35), min_size=1, max_size=8))
+def test_copies_are_the_same_whichever_are_read(rows):
+    varied = ENCODED.variations
+    assert varied is not None
+    some = varied.only(np.array(rows))
+    every = events(varied.trains)
+    assert events(some.trains) == [every[row] for row in rows]
+    assert some.of.tolist() == varied.of[rows].tolist()
+    assert list(some.trains.conditions["label"]) == [ENCODED.conditions["label"][trial] for trial in some.of.tolist()]
+    assert sum(len(steps) for steps, _ in every) > 0
+
+
+def test_a_file_holds_recordings_and_no_spikes_of_copies_and_the_copies_are_the_same(tmp_path):
     import h5py
 
-    trains = encode_recordings(
-        touches(), specs.resolve("sa1-ra1-lif", CLOCK), augmentation=AugmentationSpec(kind="gain", copies=1)
-    )
+    path, again = tmp_path / "spikes.h5", tmp_path / "again.h5"
+    hdf5.save_spikes(ENCODED.select([4, 1, 2]), path)
+    with h5py.File(path) as file:
+        assert len(file["spikes/times"]) == 3
+    read = hdf5.load_spikes(path)
+    assert read.variations is not None
+    assert ENCODED.variations is not None
+    wanted = [place for trial in (1, 2, 4) for place in (2 * trial, 2 * trial + 1)]
+    every = events(ENCODED.variations.trains)
+    assert events(read.variations.trains) == [every[12 * kind + place] for kind in range(3) for place in wanted]
+    assert read.variations.of.tolist() == 3 * [1, 1, 2, 2, 0, 0]
+    hdf5.save_spikes(read, again)
+    copied = hdf5.load_spikes(again).variations
+    assert copied is not None
+    assert events(copied.trains) == events(read.variations.trains)
+
+
+def test_a_file_of_an_earlier_version_has_the_spikes_of_its_copies(tmp_path):
+    import h5py
+
+    varied = ENCODED.variations
+    assert varied is not None
+    stored = varied._replace(source=StoredCopies(varied.trains), places=np.arange(len(varied.of)))
+    hdf5.save_spikes(replace(ENCODED, variations=stored), tmp_path / "spikes.h5")
+    with h5py.File(tmp_path / "spikes.h5") as file:
+        assert len(file["spikes/times"]) == 6 + 36
+        assert "copied" not in file
+    read = hdf5.load_spikes(tmp_path / "spikes.h5")
+    assert events(read) == events(ENCODED)
+    assert read.variations is not None
+    assert events(read.variations.trains) == events(varied.trains)
+    assert (read.variations.kind == varied.kind).all()
+
+
+def test_of_copies_only_the_spikes_in_windows_are_kept():
+    window = WindowSpec(length_ms=100, start_ms=100, per_trial=1)
+    whole, cut = ENCODED.with_variations(), ENCODED.with_variations(window)
+    windows = whole.cut(window)
+    np.testing.assert_array_equal(cut.raster(windows), whole.raster(windows))
+    assert all((steps < 200).all() for steps in cut.steps[6:])
+    assert any((steps >= 200).any() for steps in whole.steps[6:])
+
+
+@pytest.mark.parametrize(("name", "value", "message"), [
+    ("variation_of", 6, "must name a trial and a kind"), ("variation_place", 36, "must be from 0 to 35"),
+])  # fmt: skip
+def test_a_file_whose_copies_are_of_no_trial_is_refused(tmp_path, name, value, message):
+    import h5py
+
     path = tmp_path / "spikes.h5"
-    hdf5.save_spikes(trains, path)
+    hdf5.save_spikes(ENCODED, path)
     with h5py.File(path, "a") as file:
-        file["variation_of"][0] = 6
-    with pytest.raises(InputError, match="must name a trial and a kind for each varied copy"):
+        file[name][0] = value
+    with pytest.raises(InputError, match=message):
         hdf5.load_spikes(path)

@@ -14,6 +14,7 @@ from neurotact_parts.readers.neo_blocks import from_neo, to_neo
 from neurotact_parts.readers.nwb_output import to_nwb
 
 from neurotact.data import conditioning, doubtful, hdf5
+from neurotact.data import copies as finding
 from neurotact.data.copies import Copies, copies_of, equal_examples, joined
 from neurotact.data.digests import recorded_digest
 from neurotact.data.recordings import Recordings
@@ -347,3 +348,16 @@ def test_nothing_is_said_of_trials_without_doubt(caplog):
     assert not caplog.messages
     assert doubtful.lines(recordings) == doubtful.lines(encode_recordings(recordings, load("sa1-ra1-lif"))) == []
     assert list(doubtful.of_copies(recordings.conditions, Copies(np.arange(6), np.arange(6)))) == []
+
+
+def test_spike_trains_are_compared_once_as_long_as_they_last(monkeypatch):
+    asked, of_spikes = [], finding._of_spikes
+    monkeypatch.setattr(finding, "_of_spikes", lambda trains: asked.append(1) or of_spikes(trains))
+    rasters = (np.random.default_rng(0).random((4, 60, 4)) < 0.3).astype(np.uint8)
+    one, other = spikes_of(rasters), spikes_of(rasters[[0, 0, 1, 2]])
+    found = [copies_of(trains).first.tolist() for trains in (one, other, one)]
+    assert found == [[0, 1, 2, 3], [0, 0, 2, 3], [0, 1, 2, 3]]
+    assert len(asked) == 2
+    n_known = len(finding._known)
+    del one, other
+    assert len(finding._known) == n_known - 2

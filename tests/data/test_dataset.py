@@ -64,3 +64,16 @@ def test_other_trials_than_those_of_the_spec_are_refused(tmp_path):
     assert content_digest(load_recordings(spec)) == spec.content
     with pytest.raises(InputError, match="its trials changed since this study began"):
         load_touches(spec.model_copy(update={"content": "0" * 16}))
+
+
+def test_of_a_file_no_more_is_read_than_the_trials_that_are_used(tmp_path, monkeypatch):
+    """So a first look at a file above the limit on one input needs no other limit."""
+    every = made([12_500] * 12)
+    hdf5.save_recordings(every, tmp_path / "touches.h5")
+    monkeypatch.setenv("NEUROTACT_MAX_MB", "1")
+    with pytest.raises(InputError, match="holds 1 MB, more than the limit of 1 MB; set NEUROTACT_MAX_MB"):
+        load_recordings(DatasetSpec(file=str(tmp_path / "touches.h5")))
+    some = load_recordings(DatasetSpec(file=str(tmp_path / "touches.h5"), at_most=6))
+    assert len(some) == 6
+    kept = load_recordings(DatasetSpec(file=str(tmp_path / "touches.h5"), leave_out={"label": "class0"}))
+    np.testing.assert_array_equal(kept.signals[2], every.signals[5])

@@ -51,7 +51,8 @@ def test_a_rate_that_is_asked_for_is_found(model):
 
 @pytest.mark.parametrize("model", ["send-on-delta", "poisson", "latency", "moving-window"])
 def test_values_are_searched_from_silence_on(model):
-    found = calibrate(waves(), start_of(model), rule=CalibrationRule(**QUICK), tell=False)
+    found = calibrate(waves(), start_of(model), rule=CalibrationRule(every=True, **QUICK), tell=False)
+    assert calibrate(waves(), start_of(model), rule=CalibrationRule(**QUICK), tell=False).encoder == found.encoder
     for sensitivity in sensitivities_of(found.encoder):
         mine = found.table[found.table.afferent == sensitivity.name]
         assert mine.spikes_per_s.iloc[0] == 0

@@ -26,6 +26,7 @@ from neurotact.encoders.afferents import POPULATIONS, AfferentSpec
 from neurotact.encoders.calibration import (
     GRADES,
     Calibration,
+    _AtRest,
     _of_baselines,
     _of_polarities,
     _wakes,
@@ -107,7 +108,8 @@ def test_another_zero_and_another_unit_change_almost_no_spike(baseline):
 def test_the_chosen_gains_keep_the_limits_and_no_admissible_one_separates_better(fitted):
     for afferent, part in (("SA-I", "sa1"), ("RA-I", "ra1")):
         rows = fitted.table[fitted.table.afferent == afferent]
-        assert len(rows) == RULE.candidates
+        assert (rows[rows.admissible].index == np.arange(*rows[rows.admissible].index[[0, -1]] + [0, 1])).all()
+        assert len(rows) <= RULE.candidates
         assert rows.gain.is_monotonic_increasing
         (chosen,) = rows[rows.chosen].itertuples()
         assert chosen.gain == getattr(fitted.encoder, part).gain
@@ -128,7 +130,7 @@ def test_higher_gains_silence_fewer_trials_and_crowd_more_intervals_at_the_floor
 
 def test_isi_distributions_are_distributions(fitted):
     totals = fitted.isi.groupby(["afferent", "gain", "label"]).share.sum()
-    assert len(totals) == 2 * RULE.candidates * 2
+    assert len(totals) == 2 * len(fitted.table)
     assert totals.to_numpy() == pytest.approx(1.0)
 
 
@@ -273,6 +275,64 @@ def test_the_shipped_fabric_encoder_is_what_calibration_gives_on_the_fabrics():
     fabrics = calibrate(train, without_baseline())
     assert fabrics.encoder == specs.load(AfferentSpec, SHIPPED)
     assert fabrics.table[fabrics.table.chosen].separation.min() > 0.1
+
+
+def recordings_of(name: str) -> Recordings:
+    """A set of `benchmarks/steady_choices.py`, real or made up."""
+    import steady_choices  # pyright: ignore[reportMissingImports]
+
+    if name in steady_choices.SETS or DATA.is_dir():
+        return steady_choices.recordings_of(name)
+    pytest.skip(f"the recordings are not at {DATA}; set NEUROTACT_DATA")
+
+
+@thinned("name", ["few", "clear", "unclear", "nothing", "slow", "fast", "drift", "falling", "either", "many",
+                  "fabrics", "cubes", "icub"])  # fmt: skip
+def test_the_candidates_that_a_search_leaves_out_would_change_nothing(name, monkeypatch):
+    """The law of a short search: encoder, rates and rows are those of a search of all candidates."""
+    monkeypatch.syspath_prepend(Path(__file__).parents[2] / "benchmarks")
+    monkeypatch.setenv("NEUROTACT_DATA", str(DATA))
+    recordings, rule = recordings_of(name), CalibrationRule(trials_per_class=10)
+    for spec in (without_baseline(), with_opposite(SPEC) or SPEC):
+        found = calibrate(recordings, spec, rule=rule, steady=True, tell=False)
+        every = rule.model_copy(update={"every": True})
+        whole = calibrate(recordings, spec, rule=every, steady=True, tell=False)
+        assert found.encoder == whole.encoder
+        assert found.notes == whole.notes
+        np.testing.assert_array_equal(
+            np.hstack([found.rates, found.rates_ra]), np.hstack([whole.rates, whole.rates_ra])
+        )
+        rows = whole.table.merge(found.table[["afferent", "gain"]])
+        pd.testing.assert_frame_equal(rows, found.table)
+        left_out = whole.table.merge(found.table[["afferent", "gain"]], how="left", indicator=True)["_merge"] != "both"
+        assert not whole.table.admissible[left_out].any()
+        assert 0 < left_out.sum() < len(whole.table)
+
+
+@given(
+    silent=st.lists(st.floats(0, 0.2), min_size=RULE.candidates, max_size=RULE.candidates),
+    crowded=st.lists(st.floats(0, 0.2), min_size=RULE.candidates, max_size=RULE.candidates),
+)
+def test_a_short_search_chooses_as_a_whole_one_whether_or_not_both_limits_can_be_kept(silent, crowded):
+    limits = {"silent_share": sorted(silent, reverse=True), "floor_share": [0.0, *sorted(crowded)[1:]]}
+    table = pd.DataFrame({**limits, "separation": np.linspace(1, 2, RULE.candidates)})
+    admissible = (table.silent_share <= RULE.max_silent_share) & (table.floor_share <= RULE.max_floor_share)
+    table, rows = table.assign(admissible=admissible), {}
+    while (place := gain_search.following(rows, RULE)) is not None:
+        assert place not in rows
+        rows[place] = table.loc[place].to_dict()
+    assert gain_search.choose(table.loc[sorted(rows)], RULE, "") == gain_search.choose(table, RULE, "")
+
+
+def test_a_figure_has_every_candidate_of_what_the_short_searches_choose():
+    recordings = pressed((0.0, 30.0), drift=0.0)
+    steps = []
+    short = calibrate_causally(recordings, SPEC, lambda n, note: steps.append(n), RULE)
+    whole = calibrate_causally(recordings, SPEC, rule=RULE.model_copy(update={"every": True}))
+    assert whole.encoder == short.encoder
+    assert whole.notes == short.notes
+    assert len(short.table) < len(whole.table) == 2 * RULE.candidates
+    assert steps == [1] * (3 * RULE.candidates)
 
 
 # --- the parts of the rule --------------------------------------------------------------------------
@@ -730,10 +790,10 @@ def test_sa1_of_the_falling_signal_that_fire_at_rest_are_told_from_others():
     """Without a baseline the zero of both is the mean, above the rest of a signal that only rises."""
     spec = SPEC.model_copy(update={"conditioning": SPEC.conditioning.model_copy(update={"baseline": "none"})})
     fitted = [calibrate(rising(), each, rule=RULE).encoder for each in (spec, with_opposite(spec))]
-    assert _wakes(rising(), *fitted)
+    assert _wakes(_AtRest(rising()), *fitted)
     touched = rising().select(np.arange(32))
     touched = replace(touched, signals=[signal[500:] for signal in touched.signals])  # trials that begin in contact
-    assert not _wakes(touched, *fitted)
+    assert not _wakes(_AtRest(touched), *fitted)
 
 
 @pytest.mark.parametrize(("reached", "wakes", "is_chosen"), [

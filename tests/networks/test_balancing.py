@@ -103,7 +103,7 @@ def test_training_differs_where_classes_do_and_is_the_same_where_they_do_not(tmp
     for n_silk, changes in ((9, True), (24, False)):
         path, lines = spikes_of(tmp_path / f"{n_silk}.h5", n_silk), []
         for balance in ("none", "classes"):
-            how = {"window": nt.Window(length_ms=60), "balance": balance, "tell": lines.append}
+            how = {"window": nt.Window(length_ms=60), "learn": nt.Learn(balance=balance), "tell": lines.append}
             nt.train(path, tmp_path / f"{n_silk}-{balance}", "rsnn", SMALL, **how)
         weights = [(tmp_path / f"{n_silk}-{name}" / "weights.safetensors").read_bytes() for name in ("none", "classes")]
         assert (weights[0] != weights[1]) == changes

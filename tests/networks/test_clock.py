@@ -9,7 +9,7 @@ from neurotact_parts.exporters import chips
 from neurotact_parts.studies.texture import shortened
 
 from neurotact.errors import InputError
-from neurotact.networks.definition import clock, recipe
+from neurotact.networks.definition import clock, initial
 from neurotact.networks.definition.rsnn import RSNN
 from neurotact.networks.definition.specs import RSNNSpec
 from neurotact.networks.exit import truncated
@@ -189,9 +189,9 @@ def test_a_batch_is_put_into_bins_once(dropout, monkeypatch):
 
 def test_initial_weights_are_scaled_on_bins():
     own, spikes = network(input_deviation=1.0, model="snn"), resting(4, 200, 4)
-    recipe.start(own, spikes, torch.Generator().manual_seed(0))
+    initial.start(own, spikes, torch.Generator().manual_seed(0))
     dynamics = float(own.alpha[0]), float(own.beta[0])
-    deviation = recipe.free_deviation(own.binned(spikes), own.w_in.detach(), own.neuron, *dynamics)
+    deviation = initial.free_deviation(own.binned(spikes), own.w_in.detach(), own.neuron, *dynamics)
     torch.testing.assert_close(deviation, torch.ones_like(deviation))
 
 

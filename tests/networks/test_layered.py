@@ -7,7 +7,7 @@ import torch
 import neurotact as nt
 from neurotact.errors import InputError
 from neurotact.networks.definition import module
-from neurotact.networks.definition.recipe import start
+from neurotact.networks.definition.initial import start
 from neurotact.networks.definition.specs import RSNNSpec
 from neurotact.networks.exit.rule import ExitRule
 from neurotact.networks.training.epochs import Examples, train

@@ -3,6 +3,8 @@
 import numpy as np
 import pandas as pd
 import pytest
+from hypothesis import given
+from hypothesis import strategies as st
 
 import neurotact as nt
 from neurotact.data.augmentation import CANDIDATES, AugmentationSpec
@@ -14,7 +16,7 @@ from neurotact.encoders.encoding import encode_recordings
 from neurotact.errors import InputError
 from neurotact.networks.definition.specs import RSNNSpec
 from neurotact.networks.training import model_selection, tasks
-from neurotact.networks.training.epochs import Epoch
+from neurotact.networks.training.epochs import Checkpoint, Epoch
 from neurotact.networks.training.tasks import Task
 from neurotact.spec import resolve
 
@@ -149,3 +151,61 @@ def test_each_kind_starts_from_the_same_weights_and_the_best_on_validation_wins(
     losses = [one.fitted.training.best.validation_loss for one in equal]
     assert best.fitted.training.best.validation_loss == min(losses)
     assert isinstance(best.fitted.training.best, Epoch)
+
+
+def learns(kinds, **keys):
+    spec = resolve(RSNNSpec, "rsnn", {"hidden": 8, "training.epochs": 8, "training.batch": 16, "training.patience": 8})
+    return spec, (task(seen=0.2), (0, 1), kinds)
+
+
+def logs(tried):
+    return [(one.task.augmentation, one.fitted.training.epochs, one.seen) for one in tried]
+
+
+def test_a_training_that_goes_on_is_as_if_nothing_had_been_judged(trains, monkeypatch):
+    spec, how = learns(CANDIDATES)
+    whole = logs(model_selection.trainings(trains, spec, *how))
+    monkeypatch.setattr(model_selection, "CLEAR", 99.0)
+    begun, out = model_selection.rule_out(trains, spec, *how)
+    assert out == []
+    assert {kind: len(one.epochs) for kind, one in begun.items() if isinstance(one, Checkpoint)} == dict.fromkeys(
+        CANDIDATES[1:], 2
+    )
+    assert logs(model_selection.trainings(trains, spec, *how, begun=begun)) == whole
+
+
+def test_kinds_clearly_below_the_best_are_ruled_out_after_a_part(trains, monkeypatch):
+    spec, how = learns(CANDIDATES)
+    monkeypatch.setattr(model_selection, "clearly_worse", lambda accuracies, n: ["gain"] if n == 16 else [*accuracies])
+    begun, (out,) = model_selection.rule_out(trains, spec, *how)
+    assert [*begun] == ["time", "time+gain"]
+    assert (out.kind, out.epochs) == ("gain", 2)
+    seen = {
+        kind: max(one.epochs, key=lambda own: -own.validation_loss)
+        for kind, one in begun.items()
+        if isinstance(one, Checkpoint)
+    }
+    assert out.best[1] == max([out.accuracy, *(own.validation_accuracy for own in seen.values())])
+    assert out.row() == {
+        "augmentation": "gain", "accuracy_validation": out.accuracy, "ruled_out": 2, "chosen": False, "last": False,
+    }  # fmt: skip
+    assert str(out).startswith("copies 'gain' are ruled out after 2 epochs: ")
+
+
+def test_one_kind_alone_is_not_judged(trains):
+    spec, how = learns(("none", "time"))
+    assert model_selection.rule_out(trains, spec, *how) == ({}, [])
+
+
+@given(n=st.integers(1, 500), right=st.lists(st.integers(0, 500), min_size=1, max_size=4))
+def test_what_is_clearly_worse(n, right):
+    accuracies = {str(k): min(one, n) / n for k, one in enumerate(right)}
+    out = model_selection.clearly_worse(accuracies, n)
+    best = max(accuracies.values())
+    assert all(accuracies[name] < best for name in out)
+    assert set(out) == set(model_selection.clearly_worse(dict(reversed(accuracies.items())), n))
+    for name, one in accuracies.items():
+        if best - one > model_selection.CLEAR * (0.5 / (n + 2)) ** 0.5:  # no share varies more than a half
+            assert name in out
+        if (best - one) * n < 2.5:  # two trials are never clear
+            assert name not in out

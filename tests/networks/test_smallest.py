@@ -10,7 +10,7 @@ from sklearn.linear_model import LogisticRegression
 
 import neurotact as nt
 from neurotact.errors import InputError
-from neurotact.networks.definition import recipe
+from neurotact.networks.definition import initial, recipe
 from neurotact.networks.definition.recipe import Seen
 from neurotact.networks.definition.rsnn import RSNN
 from neurotact.networks.definition.specs import RSNNSpec
@@ -163,7 +163,7 @@ def from_the_smallest(seen: Examples, held: Examples, table: dict | None = None,
     def new(spec, seeds):
         weights, order = (torch.Generator().manual_seed(seed) for seed in seeds)
         net = RSNN(2, int(seen.labels.max()) + 1, spec, 1000.0, generator=weights)
-        recipe.start(net, seen.spikes, weights)
+        initial.start(net, seen.spikes, weights)
         return net, order
 
     return ensemble.train(new, RSNNSpec.model_validate({**LADDER, **(table or {})}), (0, 1), seen, held, **options)
@@ -195,7 +195,7 @@ def test_the_default_network_is_never_below_its_own_linear_readout(made, seed, e
     def new(spec, seeds):
         weights, order = (torch.Generator().manual_seed(seed) for seed in seeds)
         net = RSNN(2, int(seen.labels.max()) + 1, spec, 1000.0, generator=weights)
-        recipe.start(net, seen.spikes, weights)
+        initial.start(net, seen.spikes, weights)
         return net, order
 
     net, training = ensemble.train(new, spec, (0, 1), seen, held)

@@ -15,7 +15,7 @@ from neurotact_parts.exporters.c.formats import Steps
 from neurotact import backend as backends
 from neurotact.errors import InputError
 from neurotact.metrics.flops import Integrator, cost
-from neurotact.networks.definition import recipe
+from neurotact.networks.definition import initial
 from neurotact.networks.definition.readouts import Stretches
 from neurotact.networks.definition.rsnn import RSNN
 from neurotact.networks.definition.specs import RSNNSpec, TrainingSpec
@@ -133,7 +133,7 @@ def trained_on_order(backend: backends.Backend, **keys) -> float:
     net = RSNN(4, 2, build(RSNNSpec, table, source="test"), 1000.0, backend=backend,
                generator=torch.Generator().manual_seed(0))  # fmt: skip
     seen, unseen = ordered(0), ordered(1)
-    recipe.start(net, seen.spikes, torch.Generator().manual_seed(1))
+    initial.start(net, seen.spikes, torch.Generator().manual_seed(1))
     return train(net, seen, unseen, generator=torch.Generator().manual_seed(2)).best.validation_accuracy
 
 

@@ -29,12 +29,12 @@ from neurotact.networks.definition.specs import TrainingSpec
 from neurotact.networks.exit.patience import upper_bound
 from neurotact.networks.training import run_folder, tasks
 from neurotact.networks.training.epochs import Epoch
-from neurotact.report import front, networks, page, tables
+from neurotact.report import front, networks, tables
 from neurotact.report.answer import Network
 from neurotact.report.details import SOPS_COLUMNS
 from neurotact.report.encoding_drawings import name_classes
 from neurotact.report.tables import kept_epoch
-from neurotact.studies import study
+from neurotact.studies import store, study
 from neurotact.studies.cell import task_of
 from neurotact.studies.claims import Claim
 from neurotact.studies.store import cell_folder
@@ -210,9 +210,9 @@ def test_an_answer_has_the_same_bytes_in_any_place_and_commands_of_its_own(writt
 def test_commands_move_with_their_study_and_its_recordings(name, file):
     run, recordings = f"/runs/{name}", f"/data/{file}.h5"
     command = shlex.join(["neurotact", "save", f"{run}/cells/1", "--recordings", recordings, "-o", f"{run}-saved"])
-    kept = page.moved(command, {recordings: page.RECORDINGS, run: page.STUDY})
+    kept = store.moved(command, {recordings: store.RECORDINGS, run: store.STUDY})
     assert kept == "neurotact save STUDY/cells/1 --recordings RECORDINGS -o STUDY-saved"
-    assert page.moved(kept, {page.STUDY: run, page.RECORDINGS: recordings}) == command
+    assert store.moved(kept, {store.STUDY: run, store.RECORDINGS: recordings}) == command
 
 
 @pytest.mark.thorough

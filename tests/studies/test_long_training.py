@@ -23,6 +23,18 @@ def epochs(monkeypatch):
     return run
 
 
+def test_its_part_tells_losses_and_how_many_fits_there_are_without_a_hidden_layer(monkeypatch):
+    now, told = iter([0.0, 2.0, 4.0, 6.0]), []
+    monkeypatch.setattr(cell, "perf_counter", lambda: next(now))
+    monkeypatch.setattr(cell, "at", lambda *parts: told.append(parts))
+    for spec in (RSNNSpec(training=TrainingSpec(epochs=40)), RSNNSpec(hidden=0, readout="integrator", model="snn")):
+        progress = LongTraining(lambda spec=spec: spec)
+        progress(Epoch(1, 1.0, 0.5, 1.0, 0.5))
+        progress(Epoch(2, 0.51234, 0.5, 1.0, 0.8125))
+    note = ", loss 0.512, validation 81%"
+    assert told == [("train", 1, 40, note), ("train", 1, 5, note)]
+
+
 def test_a_network_of_minutes_is_said_once_with_what_takes_less(epochs, capsys):
     epochs(100, 0.75, 1000)
     (line,) = capsys.readouterr().err.splitlines()

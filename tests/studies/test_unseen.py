@@ -21,11 +21,13 @@ from neurotact.data.augmentation import CANDIDATES, EVERY
 from neurotact.data.recordings import Recordings
 from neurotact.data.splits import SplitSpec
 from neurotact.errors import InputError
+from neurotact.networks.training import model_selection
 from neurotact.report import robustness
 from neurotact.report.answer import Decision, Network
 from neurotact.report.robustness import TRAINED, hardest, sentence
 from neurotact.report.tables import LAST_TRAINING, afferents_of
 from neurotact.studies import automatic, loading, runner, study
+from neurotact.studies.cell import run_cell
 
 FEW = {
     "calibrate": False,
@@ -64,6 +66,34 @@ def run(tmp_path_factory):
         without_pictures(patch)
         nt.run_study("own-recordings", place / "run", FEW, data=path, split=nt.Split(leave_out_each="speed"))
     return place / "run"
+
+
+def test_kinds_that_are_ruled_out_are_said_once_and_count_in_no_mean(tmp_path, capsys, monkeypatch):
+    monkeypatch.setattr(model_selection, "clearly_worse", lambda accuracies, n: ["gain", "time"])
+    settings = {**FEW, "network.training.epochs": 4, "network.training.patience": 4, "baselines": "none"}
+    with studies_here() as patch:
+        without_pictures(patch)
+        path = presses(tmp_path / "touches.h5")
+        nt.run_study("own-recordings", tmp_path / "run", settings, data=path, split=nt.Split(leave_out_each="speed"))
+    remedies = pd.read_csv(tmp_path / "run" / "remedies.csv")
+    out = remedies[remedies["augmentation"].isin(["gain", "time"]) & ~remedies["last"]]
+    assert len(out) == 2 * 3
+    assert (out["ruled_out"] == 1).all()
+    assert out["accuracy_validation"].between(0, 1).all()
+    assert out[["accuracy_test", "sops_total"]].isna().all(axis=None)
+    assert not out["chosen"].any()
+    others = remedies.drop(out.index)
+    assert others["ruled_out"].isna().all()
+    assert others["accuracy_test"].notna().all()
+    whole = runner.load(tmp_path / "run")
+    cell = next(iter(loading.engine_of(whole).cells(whole)))
+    for tells in (True, False):
+        run_cell(cell, hdf5.load_spikes(tmp_path / "run" / cell.given), tells=tells)
+    said = capsys.readouterr().err
+    assert [said.count(f"copies '{kind}' are ruled out after 1 epochs") for kind in ("gain", "time")] == [1, 1]
+    page = (tmp_path / "run" / "report.html").read_text(encoding="utf-8")
+    assert "after the same epochs: gain in 3, time in 3." in page
+    assert "means over 3 trainings" in page
 
 
 def test_every_kind_is_tried_and_the_best_on_validation_is_used(run):

@@ -4,13 +4,15 @@ An afferent whose spikes are at least `n` steps apart has at most one spike in `
 and the network is computed once a bin.
 """
 
-from functools import reduce
-from typing import NamedTuple
+from __future__ import annotations
 
-import torch
-from torch import Tensor
+from functools import reduce
+from typing import TYPE_CHECKING, NamedTuple
 
 from neurotact.errors import InputError
+
+if TYPE_CHECKING:  # a clock needs no torch, only spikes do
+    from torch import Tensor
 
 NEARLY = 1e-6
 """How far a network's step may be from a whole number of the encoder's, of it: rates are not exact in decimals."""
@@ -44,9 +46,12 @@ def binned(spikes: Tensor, n: int) -> Tensor:
     An afferent that spikes in a bin has one spike there, however many it had. The last bin may be shorter. Of graded
     input a bin has the largest value.
 
+    >>> import torch
     >>> binned(torch.tensor([[[0], [1], [0], [0], [1]]]), 2).flatten().tolist()
     [1, 0, 1]
     """
+    import torch
+
     if n == 1:
         return spikes
     n_trials, n_steps, n_afferents = spikes.shape
@@ -61,9 +66,12 @@ def binned(spikes: Tensor, n: int) -> Tensor:
 def spread(spikes: Tensor, n: int, n_steps: int) -> Tensor:
     """Spikes `(trial, bin, neuron)` of a network at the last step of each bin, `(trial, time, neuron)`.
 
+    >>> import torch
     >>> spread(torch.tensor([[[1], [0], [1]]]), 2, 5).flatten().tolist()
     [0, 1, 0, 0, 1]
     """
+    import torch
+
     if n == 1:
         return spikes
     n_trials, n_bins, n_neurons = spikes.shape
@@ -75,6 +83,7 @@ def spread(spikes: Tensor, n: int, n_steps: int) -> Tensor:
 def merged(spikes: Tensor, n: int) -> int:
     """How many spikes bins of `n` steps merge with another of the same afferent.
 
+    >>> import torch
     >>> merged(torch.tensor([[[1], [1], [0], [0]]]), 2)
     1
     """
@@ -95,9 +104,12 @@ class _Close(NamedTuple):
 def close(spikes: Tensor, most: int) -> _Close:
     """The close spikes of windows `(trial, time, afferent)`, for up to `most` steps.
 
+    >>> import torch
     >>> close(torch.tensor([[[1], [1], [0], [1]]]), 4)
     _Close(following=(0, 1, 2, 2), merged=(0, 1, 1, 2))
     """
+    import torch
+
     following, merged = torch.zeros(2, most, dtype=torch.int64)
     for part in spikes.split(AT_ONCE):
         *train, step = (part != 0).transpose(1, 2).nonzero(as_tuple=True)
@@ -127,6 +139,7 @@ def apart(spikes: Tensor, most: int | None = None) -> int:
     The number of steps of a window if no afferent spikes twice in one: bins of so many steps merge no spikes.
     most: how far to look; a larger distance is given as this one.
 
+    >>> import torch
     >>> apart(torch.tensor([[[1], [0], [0], [1], [0]]])), apart(torch.zeros(1, 5, 1)), apart(torch.zeros(1, 5, 1), 2)
     (3, 5, 2)
     """

@@ -18,6 +18,10 @@ UNSUITED = {
     "SparseAdam": "it needs sparse gradients, and those of a network are dense",
 }
 """Optimisers of torch that cannot train a network here, and why."""
+OPTIONS = {"lr", "betas", "weight_decay"}
+"""What a training sets, of optimisers that have it."""
+USUAL = {**dict.fromkeys(("Adam", "AdamW", "Adamax"), OPTIONS), "SGD": {"lr", "weight_decay"}}
+"""Optimisers that every torch has, and which of `OPTIONS` each takes: both are known without loading it."""
 SWITCHED = ("add_param_group", "load_state_dict", "state_dict", "step", "zero_grad")
 """Methods that torch wraps in switches of its compiler."""
 
@@ -46,6 +50,8 @@ def named(name: str) -> str:
     Traceback (most recent call last):
     ValueError: there is no optimiser 'Adamm'; did you mean 'Adam'?
     """
+    if name in USUAL:
+        return name
     known = {own.lower(): own for own in (*names(), *UNSUITED)}
     own = known.get(name.lower())
     if own is None:
@@ -61,6 +67,8 @@ def takes(name: str, option: str) -> bool:
     >>> takes("AdamW", "betas"), takes("SGD", "betas"), takes("Rprop", "weight_decay")
     (True, False, False)
     """
+    if name in USUAL and option in OPTIONS:
+        return option in USUAL[name]
     from torch import optim
 
     return option in inspect.signature(getattr(optim, name)).parameters

@@ -6,7 +6,7 @@ by the inverse of the number of windows like it, as by scikit-learn's `class_wei
 """
 
 from collections.abc import Sequence
-from typing import Literal, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 import pandas as pd
@@ -14,8 +14,8 @@ import pandas as pd
 from neurotact.data.recordings import LABEL
 from neurotact.data.splits import SplitSpec
 from neurotact.errors import InputError
+from neurotact.networks.definition.learned import Balance
 
-Balance = Literal["none", "classes", "conditions"]
 WITHIN = 1e-9
 """Relative difference of equal weights, by rounding."""
 

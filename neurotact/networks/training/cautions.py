@@ -1,6 +1,6 @@
 """Cautions about a training or its test: one line each, with the fix."""
 
-from collections.abc import Collection, Iterator, Mapping, Sequence
+from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
 from typing import Any, Literal
 
 import numpy as np
@@ -9,7 +9,7 @@ import pandas as pd
 from neurotact.data.splits import SplitSpec
 from neurotact.networks.definition.specs import BEST_MEMBERS, MOST_HIDDEN, RSNNSpec, TrainingSpec
 from neurotact.networks.exit.patience import ExitChoice
-from neurotact.networks.training.comparison import Comparison
+from neurotact.networks.training.comparison import Comparison, percent
 from neurotact.networks.training.epochs import NOT_KEPT
 
 Command = Literal["train", "tune", "fine-tune"]
@@ -20,15 +20,18 @@ FEW_PER_CLASS = 5
 """With fewer test trials, the accuracy of a class says little."""
 
 
-def not_learned(accuracy: float, low: float, guess: float, command: Command = "train") -> Iterator[str]:
-    """low: lower end of the accuracy's interval. guess: the accuracy of guessing.
+def not_learned(
+    accuracy: float, low: float, guess: float, command: Command = "train", told: Callable[[float], str] = percent
+) -> Iterator[str]:
+    """low: lower end of the accuracy's interval. guess: the accuracy of guessing. told: as of `comparison.lines`.
 
     >>> list(not_learned(0.9, 0.8, 0.5))
     []
     """
     if low <= guess:
         yield (
-            f"an accuracy of {100 * accuracy:.1f} % is not clearly above chance ({100 * guess:.1f} %); "
+            f"{'an accuracy' if told is percent else 'a value'} of {told(accuracy)} is not clearly above chance "
+            f"({told(guess)}); "
             f"{_again(command) or 'give'} more trials, a longer window (`length_ms`), or an encoder for this sensor "
             "(`nt.calibrate`)"
         )
@@ -40,10 +43,12 @@ def worse_than_baseline(
     command: Command = "train",
     searched: Collection[str] = (),
     members: int = 1,
+    told: Callable[[float], str] = percent,
 ) -> Iterator[str]:
     """Whether a classifier on the same spikes is clearly better than the network of this spec.
 
-    searched: keys of the network that a search has chosen. members: how many networks were joined into it.
+    searched: keys of the network that a search has chosen. members: how many networks were joined into it. told: as of
+    `comparison.lines`.
     """
     if comparison.verdict == "worse":
         is_rsnn = spec.own is None
@@ -52,6 +57,8 @@ def worse_than_baseline(
         can_join = spec.readout == "integrator" and not spec.learn and 0 < BEST_MEMBERS * spec.hidden <= MOST_HIDDEN
         joins = command == "train" and members == 1 and spec.input_deviation is not None and can_join
         last = {"train": "`nt.tune`", "tune": "more trials (`trials`)", "fine-tune": "`nt.tune`"}[command]
+        if told is not percent:  # which no search takes
+            last = "a longer window (`length_ms`)"
         remedies = [
             *(["`network='default'`"] if is_rsnn and spec.input_deviation is None else []),
             *([f"more hidden neurons (`settings={{'hidden': {larger}}}`)"] if is_larger_possible else []),
@@ -59,8 +66,8 @@ def worse_than_baseline(
             last,
         ]
         yield (
-            f"{comparison.rival} of the same spikes is better, {100 * comparison.rival_accuracy:.1f} % "
-            f"against {100 * comparison.accuracy:.1f} %; {_again(command) or 'try'} {' or '.join(remedies)}"
+            f"{comparison.rival} of the same spikes is better, {told(comparison.rival_accuracy)} "
+            f"against {told(comparison.accuracy)}; {_again(command) or 'try'} {' or '.join(remedies)}"
         )
 
 

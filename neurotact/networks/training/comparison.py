@@ -1,6 +1,6 @@
 """How good a test accuracy is: its interval, chance, and classifiers on the same spikes."""
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -13,6 +13,7 @@ from neurotact.metrics.decision import otherwise
 from neurotact.metrics.paired import by_trial, compare_by_trial
 from neurotact.metrics.referee import Verdict, Way
 from neurotact.metrics.shares import standard_error, wilson_interval
+from neurotact.networks.training import epochs, numbers
 from neurotact.networks.training.epochs import Examples
 from neurotact.networks.training.tasks import Sides
 from neurotact.progress import say
@@ -27,6 +28,7 @@ class Comparison(NamedTuple):
     low, high: the 95 % interval of `accuracy`, over `trials` test trials: of this network, not of another start.
     chance: of guessing each class equally often.
     commonest: of always choosing the most frequent class of training.
+    Of numbers, accuracies are mean scores (`epochs.right`), and the last two are that of the mean of training.
     baseline: the classifier on the same spikes with the highest accuracy on validation windows, and its test accuracy.
     verdict: whether the network is clearly better or worse than the classifiers that validation cannot tell from that
     one, or neither (`tie`), by the referee; rival: the one that decides, its test accuracy, and p after correction for
@@ -66,33 +68,28 @@ class Trials(NamedTuple):
 
 
 def compare(
-    right: Sequence[bool], sides: Sides, trials: Trials, n_classes: int, last: Sides | None = None
+    right: Sequence[float], sides: Sides, trials: Trials, n_classes: int, last: Sides | None = None
 ) -> Comparison:
     """Measure chance and classifiers on the windows of a network; right: whether it has each test window right.
 
     last: as of `opponents_of`. The interval counts trials, because windows of one trial are not independent.
     """
-    commonest = int(sides.train.labels.bincount().argmax())
     accuracy, n_trials = float(np.mean(right)), len(np.unique(trials.test))
     opponents = list(opponents_of(sides, trials, last))
-    n_held = len(np.unique(trials.validation))
-    ways = [
-        Way(one.accuracy_validation, standard_error(one.accuracy_validation, n_held), right=one.validation)
-        for one in opponents
-    ]
+    is_number = sides.train.labels.ndim > 1
+    ways = [Way(one.accuracy_validation, _error(one, is_number=is_number), right=one.validation) for one in opponents]
     best = opponents[referee.best_of(ways)]
     rivals = [opponents[index] for index in referee.level_with_best(ways)]
     own = by_trial(trials.test, right)
     verdict = referee.judge([compare_by_trial(own, rival.test) for rival in rivals])
     rival = rivals[verdict.decisive]
-    low, high = wilson_interval(accuracy, n_trials)
+    low, high = numbers.interval(np.array(right), trials.test) if is_number else wilson_interval(accuracy, n_trials)
     return Comparison(
         accuracy,
         low,
         high,
         n_trials,
-        1 / n_classes,
-        float((sides.test.labels == commonest).double().mean()),
+        *_guessed(sides, n_classes),
         best.name,
         best.accuracy_test,
         verdict.kind,
@@ -101,6 +98,24 @@ def compare(
         verdict.p,
         verdict.opponents,
     )
+
+
+def _error(one: Opponent, *, is_number: bool) -> float:
+    """One standard error of the accuracy of an opponent on validation trials, or of its mean score."""
+    if not is_number:
+        return standard_error(one.accuracy_validation, len(one.validation))
+    scores = [*one.validation.values()]
+    return float(np.std(scores, ddof=1) / len(scores) ** 0.5) if len(scores) > 1 else np.nan
+
+
+def _guessed(sides: Sides, n_classes: int) -> tuple[float, float]:
+    """The accuracies of guesses: of each class equally often, of the commonest; of numbers twice that of the mean."""
+    known, test = sides.train.labels, sides.test
+    if known.ndim > 1:
+        mean = known.double().mean(dim=0).expand(len(test.labels), -1)
+        score = float(epochs.right(mean, test.labels, test.deviation).mean())
+        return score, score
+    return 1 / n_classes, float((test.labels == int(known.bincount().argmax())).double().mean())
 
 
 def opponents_of(sides: Sides, trials: Trials, last: Sides | None = None) -> Iterator[Opponent]:
@@ -112,32 +127,43 @@ def opponents_of(sides: Sides, trials: Trials, last: Sides | None = None) -> Ite
     for n_bins in sorted({1, min(BINS, n_steps)}):
         inputs = _inputs(sides, n_bins)
         again = None if last is None else _inputs(last, n_bins)
-        for name, one in opponent.joined("features", "quick").items():
+        tells = "classes" if inputs.y_train.ndim == 1 else "numbers"
+        for name, one in opponent.joined("features", "quick", tells).items():
             n_train = len((inputs if again is None else again).y_train)
             if one.most_examples is not None and n_train > one.most_examples:
                 say(f"baselines: no {name}: {n_train} training windows, at most {one.most_examples}")
                 continue
             with opponent.named(name):
                 best = opponent.best_of(one, inputs, 0)
-            held = best.fitted.predict(inputs.validation) == inputs.y_validation
+            held = opponent.right(best.fitted.predict(inputs.validation), inputs.y_validation)
             used, of = (best, inputs) if again is None else (best.again(again), again)
-            tested = used.fitted.predict(of.test) == of.y_test
+            tested = opponent.right(used.fitted.predict(of.test), of.y_test)
             shares = by_trial(trials.validation, held), by_trial(trials.test, tested)
             source = "counts" if n_bins == 1 else f"{n_bins} time bins"
             yield Opponent(f"{name} on {source}", *shares, float(held.mean()), float(tested.mean()))
 
 
 def _inputs(sides: Sides, n_bins: int) -> opponent.Sides:
-    """Spikes of each afferent in time bins, standardised on the training side."""
+    """Spikes of each afferent in time bins, standardised on the training side, as numbers are."""
+    if scale := numbers.Scale.of(sides.train):
+        sides = Sides(*map(scale.standard, sides))
     features = [_counts(side, n_bins) for side in sides]
     scaler = StandardScaler().fit(features[0])
     return opponent.Sides(*map(scaler.transform, features), *(side.labels.numpy() for side in sides))
 
 
-def lines(against: Comparison, start: str = starts.ONE) -> tuple[str, str]:
-    """The accuracy, and what it is compared with, in words; start: what is said of the start of the weights."""
+def percent(share: float) -> str:
+    """An accuracy in words."""
+    return f"{100 * share:.1f} %"
+
+
+def lines(against: Comparison, start: str = starts.ONE, told: Callable[[float], str] = percent) -> tuple[str, str]:
+    """The accuracy, and what it is compared with, in words.
+
+    start: what is said of the start of the weights. told: of an accuracy: `numbers.scored` of numbers.
+    """
     accuracy, low, high, chance, commonest, baseline, rival = (
-        f"{100 * share:.1f} %"
+        told(share)
         for share in (
             against.accuracy, against.low, against.high, against.chance, against.commonest, against.baseline_accuracy,
             against.rival_accuracy,
@@ -147,12 +173,14 @@ def lines(against: Comparison, start: str = starts.ONE) -> tuple[str, str]:
     verdict = {
         "better": "the network is clearly better",
         "worse": f"{against.rival} {rival} is clearly better than the network",
-        "tie": power.in_words(tie) if power.is_too_weak(tie) else "no clear difference",
+        "tie": power.in_words(tie) if told is percent and power.is_too_weak(tie) else "no clear difference",
     }[against.verdict]
+    guesses, what = f"chance {chance}, always the commonest class {commonest}", "accuracy"
+    if told is not percent:
+        guesses, what = f"the mean of training {commonest}", "score (1 is perfect)"
     return (
-        f"accuracy {accuracy} (95 % interval {low} to {high}, {against.trials} test trials); {start}",
-        f"baselines: chance {chance}, always the commonest class {commonest}, best on the same spikes: "
-        f"{against.baseline} {baseline}; {verdict}",
+        f"{what} {accuracy} (95 % interval {low} to {high}, {against.trials} test trials); {start}",
+        f"baselines: {guesses}, best on the same spikes: {against.baseline} {baseline}; {verdict}",
     )
 
 
@@ -167,13 +195,15 @@ def costs(row: Mapping[str, Any], step_ms: float) -> str:
     a decision costs 1,200 SOPs, 42 input spikes and 1,000 ms; with early exit 600 SOPs and 420 ms, at 90.0 %
     """
     spikes = sum(value for key, value in row.items() if key.startswith("spikes_"))  # a column for each population
-    whole, early = row["sops_total"], row["exit_sops_total"]
+    sops, early = row["sops_total"], row["exit_sops_total"]
     counted = ["", "", "; SOPs are not counted"]
-    if whole is not None and not np.isnan(whole):
-        counted = [f"{whole:,.0f} SOPs, ", f"{early:,.0f} SOPs and ", ""]
+    if sops is not None and not np.isnan(sops):
+        counted = [f"{sops:,.0f} SOPs, ", f"{early:,.0f} SOPs and ", ""]
+    whole = f"a decision costs {counted[0]}{spikes:,.0f} input spikes and {row['window_steps'] * step_ms:,.4g} ms"
+    if row.get("exit_patience", 1) is None:  # there is no early exit
+        return f"{whole}{counted[2]}"
     return (
-        f"a decision costs {counted[0]}{spikes:,.0f} input spikes and "
-        f"{row['window_steps'] * step_ms:,.4g} ms; with early exit {counted[1]}"
+        f"{whole}; with early exit {counted[1]}"
         f"{row['exit_steps'] * step_ms:,.4g} ms, at {100 * row['exit_accuracy']:.1f} %{counted[2]}"
     )
 

@@ -23,6 +23,7 @@ from neurotact.networks.definition.specs import RSNNSpec
 from neurotact.networks.training import epochs as one
 from neurotact.networks.training import linear
 from neurotact.networks.training.epochs import Checkpoint, Epoch, Examples, Training
+from neurotact.networks.training.numbers import Scale
 
 New = Callable[[RSNNSpec, tuple[int, int]], tuple[Network, torch.Generator]]
 """Makes an untrained network, and the generator of the order of its windows, from a spec and two seeds."""
@@ -43,8 +44,23 @@ def train(
 
     new: is called for each network. spec: with the choices of its recipe. first: the seeds of the first network.
     progress, start, keep: as for `epochs.train`.
+    Numbers are learned standardised, and told in their units (`numbers.Scale`).
     Raises InputError as that does.
     """
+    scale = Scale.of(training)
+    if scale is not None:
+        training, validation = scale.standard(training), scale.standard(validation)
+    network, log = _trained(new, spec, first, training, validation, progress, start, keep)
+    if scale is not None:
+        scale.fold(network)
+    return network, log
+
+
+def _trained(
+    new: New, spec: RSNNSpec, first: tuple[int, int], training: Examples, validation: Examples,
+    progress: Callable[[Epoch], None] | None, start: Checkpoint | None, keep: Callable[[Checkpoint], None] | None,
+) -> tuple[Network, Training]:  # fmt: skip
+    """As `train`, with what is learned as it is."""
     series, gains = _Series(training, validation, progress, start, keep), dict[str, float]()
     alone = spec.model_copy(update={"training": spec.training.model_copy(update={"members": 1})})
     smallest = None
@@ -52,7 +68,7 @@ def train(
         alone = alone.model_copy(update={"direct": False})
         smallest = _without_layer(new, alone, first, training, validation)
         gains["smallest_accuracy"] = float(smallest.right.double().mean())
-        if smallest.right.all():  # nothing is left to gain
+        if (smallest.right >= 1).all():  # nothing is left to gain
             return smallest.network, replace(smallest.training, **gains)
     if spec.model == "auto":
         member, own, gain = _with_recurrence_if_it_gains(series, new, alone, first)
@@ -65,7 +81,7 @@ def train(
         if not pays(smallest.right, right):
             gains.pop("recurrence_gain", None)  # of a layer that does not stay
             return smallest.network, replace(smallest.training, **gains)
-        if not right.all():
+        if not (right >= 1).all():
             member, own, gains["path_gain"] = _with_path_if_it_gains(series, new, (member, own), first, right)
     if (n := spec.training.members) == 1:
         return member, Training(series.numbered(), own.best._replace(member=1), **gains)
@@ -145,15 +161,16 @@ def _gain(without: Tensor, with_it: Tensor) -> float:
 def pays(without: Tensor, with_it: Tensor) -> bool:
     """Whether a part of a network gains more than the standard error of its gain, from the windows decided otherwise.
 
-    without, with_it: whether each validation window is classified correctly, `(window,)`. Of `n` windows that only one
-    of the two has right, chance alone favours either by the root of `n` (McNemar 1947, doi 10.1007/BF02295996).
+    without, with_it: whether each validation window is classified correctly, or its score, `(window,)`. Of `n` windows
+    that only one of the two has right, chance alone favours either by the root of `n` (McNemar 1947, doi
+    10.1007/BF02295996); of scores, by the root of the sum of their squared differences.
 
     >>> without = torch.tensor([True, False, False, False])
     >>> pays(without, torch.tensor([True, True, True, False])), pays(without, torch.tensor([False, True, True, False]))
     (True, False)
     """
-    gained, lost = int((with_it & ~without).sum()), int((without & ~with_it).sum())
-    return not is_within(0.0, gained - lost, (gained + lost) ** 0.5)
+    gained = with_it.double() - without.double()
+    return not is_within(0.0, float(gained.sum()), float(gained.square().sum()) ** 0.5)
 
 
 def spec_of(network: Network, n_members: int) -> RSNNSpec:

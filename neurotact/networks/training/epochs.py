@@ -537,7 +537,7 @@ def judge(network: Network, examples: Examples) -> tuple[float, float]:
     for spikes, batch in zip(examples.spikes.split(spec.batch), batches, strict=True):
         counts, labels = network.counts(spikes.to(device)), examples.labels[batch]
         losses.append(loss(counts, labels.to(device), spec, _weights(examples, batch, device)))
-        scores.append(right(counts.readout, labels.to(device)).sum())
+        scores.append(right(counts.readout, labels.to(device), examples.deviation).sum())
     return _mean(losses, scores, batches)
 
 
@@ -547,5 +547,5 @@ def right_of(network: Network, examples: Examples) -> Tensor:
     scores, size = [], network.spec.training.batch
     for spikes, labels in zip(examples.spikes.split(size), examples.labels.split(size), strict=True):
         counts = network.counts(spikes.to(network.device))
-        scores.append(right(counts.readout.cpu(), labels))
+        scores.append(right(counts.readout.cpu(), labels, examples.deviation))
     return torch.cat(scores)

@@ -1,4 +1,6 @@
-"""The training of a network without a hidden layer: logistic regression on the spikes of each stretch of a window.
+"""The training of a network without a hidden layer: a regression on the spikes of each stretch of a window.
+
+It is logistic for classes, and ridge regression for numbers.
 
 The problem is convex: one penalty has one solution, whatever the seeds are, and no learning rate. The penalty is chosen
 on validation windows, as that of the opponents is.
@@ -18,8 +20,8 @@ from collections.abc import Callable
 import numpy as np
 import torch
 from sklearn.exceptions import ConvergenceWarning
-from sklearn.linear_model import LogisticRegression
-from torch.nn.functional import cross_entropy
+from sklearn.linear_model import LogisticRegression, Ridge
+from torch.nn.functional import cross_entropy, mse_loss
 
 from neurotact.networks.definition.optimisers import kind_of
 from neurotact.networks.definition.readouts import Stretches
@@ -64,7 +66,7 @@ def train(
     log: list[Epoch] = []
     states = []
     for penalty in INVERSE_PENALTIES:
-        fitted = LogisticRegression(C=penalty, max_iter=MOST_ITERATIONS, tol=TOLERANCE)
+        fitted = _regression(training, penalty)
         with warnings.catch_warnings():
             warnings.simplefilter("ignore", ConvergenceWarning)  # of counts that carry no information
             fitted.fit(summed, training.labels.numpy(), weights)
@@ -84,15 +86,23 @@ def train(
     return Training(tuple(log), best)
 
 
+def _regression(training: Examples, penalty: float) -> LogisticRegression | Ridge:
+    """The regression with an inverse penalty; of numbers, `classes_` are the places of all targets."""
+    if training.labels.ndim == 1:
+        return LogisticRegression(C=penalty, max_iter=MOST_ITERATIONS, tol=TOLERANCE)
+    fitted = Ridge(alpha=1 / penalty)
+    fitted.classes_ = np.arange(training.labels.shape[1])
+    return fitted
+
+
 def _fit_what_is_left(
-    network: RSNN, fitted: LogisticRegression, summed: np.ndarray, training: Examples, penalty: float
+    network: RSNN, fitted: LogisticRegression | Ridge, summed: np.ndarray, training: Examples, penalty: float
 ) -> None:
     """Fit a regression anew with the synapses of a pruned network, in place; summed: its inputs, `(window, input)`."""
     remains = (network.w_out.cpu() != 0)[:, fitted.classes_].repeat(summed.shape[1] // network.n_inputs, 1)
-    inputs, labels = (
-        torch.from_numpy(summed),
-        torch.from_numpy(np.searchsorted(fitted.classes_, training.labels.numpy())),
-    )
+    inputs, labels = torch.from_numpy(summed), training.labels.double()
+    if is_logistic := isinstance(fitted, LogisticRegression):
+        labels = torch.from_numpy(np.searchsorted(fitted.classes_, training.labels.numpy()))
     slopes = torch.zeros(remains.shape, dtype=torch.float64, requires_grad=True)
     level = torch.zeros(len(fitted.classes_), dtype=torch.float64, requires_grad=True)
     each = penalty * (torch.ones(len(labels)) if training.weights is None else training.weights).double()
@@ -100,7 +110,11 @@ def _fit_what_is_left(
 
     def loss() -> torch.Tensor:
         optimiser.zero_grad()
-        losses = cross_entropy(inputs @ (slopes * remains) + level, labels, reduction="none")
+        scores = inputs @ (slopes * remains) + level
+        if is_logistic:
+            losses = cross_entropy(scores, labels, reduction="none")
+        else:
+            losses = mse_loss(scores, labels, reduction="none").sum(dim=1) / 2
         total = losses @ each + slopes.square().sum() / 2
         total.backward()
         return total
@@ -127,13 +141,14 @@ def _levels(n: int) -> np.ndarray:
 
 
 @torch.no_grad()
-def _set(network: RSNN, fitted: LogisticRegression, levels: np.ndarray, center: np.ndarray) -> None:
+def _set(network: RSNN, fitted: LogisticRegression | Ridge, levels: np.ndarray, center: np.ndarray) -> None:
     """Give the network the weights of a fit: those of all stretches are their mean, and deviations from it.
 
     levels: what each weight of the fit adds to those of the stretches. center: the counts from which it begins.
     """
-    slopes, level = fitted.coef_.reshape(len(fitted.coef_), levels.shape[1], -1), fitted.intercept_
-    if len(slopes) == 1:  # of two classes
+    coef, level = np.atleast_2d(fitted.coef_), np.atleast_1d(fitted.intercept_)  # a row of the only number
+    slopes = coef.reshape(len(coef), levels.shape[1], -1)
+    if len(slopes) == 1 and isinstance(fitted, LogisticRegression):  # of two classes
         slopes, level = np.concatenate([-slopes, slopes]) / 2, np.concatenate([-level, level]) / 2
     slopes = np.einsum("cla,kl->kac", slopes, levels)
     level = level - np.einsum("kac,ka->c", slopes, center)

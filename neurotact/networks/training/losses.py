@@ -1,10 +1,13 @@
 """What training minimises: a loss of scores `(trial, class)` and class indices `(trial,)`, found by its name.
 
+Of numbers, a loss of values and standardised numbers, `(trial, target)` each.
+
 Another package adds one by an entry point of the group `neurotact.losses`: a function `loss(scores, labels)` that gives
 a scalar, the mean over trials. Where trials have weights, with the mean 1, it is given them as a third argument.
 """
 
 import inspect
+from collections.abc import Callable
 
 from torch import Tensor
 from torch.nn import functional
@@ -49,4 +52,19 @@ def hinge(scores: Tensor, labels: Tensor, weights: Tensor | None = None) -> Tens
     Weston and Watkins 1999; `multi_margin_loss` of torch.
     """
     each = functional.multi_margin_loss(scores, labels, reduction="none")
+    return each.mean() if weights is None else (each * weights).mean()
+
+
+def squared_error(values: Tensor, numbers: Tensor, weights: Tensor | None = None) -> Tensor:
+    """The squared error of numbers, the mean over targets."""
+    return _of_numbers(values, numbers, weights, functional.mse_loss)
+
+
+def absolute_error(values: Tensor, numbers: Tensor, weights: Tensor | None = None) -> Tensor:
+    """The absolute error of numbers, the mean over targets: single large ones weigh less than in the squared one."""
+    return _of_numbers(values, numbers, weights, functional.l1_loss)
+
+
+def _of_numbers(values: Tensor, numbers: Tensor, weights: Tensor | None, error: Callable[..., Tensor]) -> Tensor:
+    each = error(values, numbers.to(values), reduction="none").mean(dim=1)
     return each.mean() if weights is None else (each * weights).mean()

@@ -5,9 +5,12 @@ not: they choose the kind of varied copies, the epoch and the exit rule. What th
 validation trials of the last training have only conditions that are trained on, and say nothing of the test.
 """
 
-from collections.abc import Iterator, Sequence
+import math
+from collections.abc import Iterator, Mapping, Sequence
+from types import MappingProxyType
 from typing import Any, NamedTuple
 
+import numpy as np
 import pandas as pd
 from pydantic import Field
 
@@ -21,7 +24,7 @@ from neurotact.networks.definition.specs import RSNNSpec
 from neurotact.networks.exit.patience import ExitChoice
 from neurotact.networks.exit.rule import ExitRule
 from neurotact.networks.training import ensemble, epochs, tasks, trainer
-from neurotact.networks.training.epochs import Examples
+from neurotact.networks.training.epochs import Checkpoint, Epoch, Examples
 from neurotact.networks.training.tasks import Sides, Task
 from neurotact.networks.training.trainer import Trained
 from neurotact.networks.use import measuring
@@ -35,15 +38,15 @@ class Choice(Spec):
     """The network, with its recipe resolved."""
     exit_patience: int | None = Field(default=None, ge=1)
     gone = {"exit_margin": None}
-    accuracy_validation: float = Field(ge=0, le=1)
-    exit_accuracy_validation: float = Field(ge=0, le=1)
+    accuracy_validation: float = Field(le=1)
+    exit_accuracy_validation: float = Field(le=1)
     exit_losses: dict[int, float] = {}
     """By validation trial, as of `ExitChoice`; a choice of an earlier version has none."""
-    recurrence_gain: float | None = Field(default=None, ge=-1, le=1)
-    smallest_accuracy: float | None = Field(default=None, ge=0, le=1)
-    layer_gain: float | None = Field(default=None, ge=-1, le=1)
-    path_gain: float | None = Field(default=None, ge=-1, le=1)
-    """Of validation accuracy; None if it was not tried (`epochs.Training`)."""
+    recurrence_gain: float | None = None
+    smallest_accuracy: float | None = Field(default=None, le=1)
+    layer_gain: float | None = None
+    path_gain: float | None = None
+    """Of validation accuracy, or score of numbers; None if it was not tried (`epochs.Training`)."""
 
     @classmethod
     def of(cls, fitted: Trained, validation: Examples) -> "Choice":
@@ -80,6 +83,8 @@ def last(
     return choice.given_to(fitted, task), sides
 
 
+PART, CLEAR = 0.25, 2.0
+"""After this share of the epochs a kind of copies is ruled out that is so many standard errors below the best."""
 SEEN = 0.15
 """Share of the training trials that are kept for a test at the conditions of training."""
 
@@ -87,6 +92,7 @@ SEEN = 0.15
 class Tried(NamedTuple):
     """A training with one kind of varied copies; seen: its accuracy at conditions of training, None if unknown.
 
+    sides: `trainings` leaves out the spikes of training windows, and keeps their labels.
     choice: of the last training, what the one before it chose.
     """
 
@@ -145,23 +151,126 @@ def are_unranked(kinds: Sequence[str], conditions: pd.DataFrame, split: SplitSpe
     return is_every and bool(split.test_where) and not turns_of(conditions, split)
 
 
+class RuledOut(NamedTuple):
+    """A kind of varied copies that is not trained to the end: its validation accuracy after so many epochs.
+
+    best: the kind that was best then, and its accuracy.
+    """
+
+    kind: str
+    accuracy: float
+    epochs: int
+    best: tuple[str, float]
+
+    def __str__(self) -> str:
+        name, accuracy = self.best
+        return (
+            f"copies '{self.kind}' are ruled out after {self.epochs} epochs: {100 * self.accuracy:.0f} % of validation "
+            f"trials of another condition, clearly below '{name}' with {100 * accuracy:.0f} %"
+        )
+
+    def row(self) -> dict[str, Any]:
+        """A row of `remedies.csv`."""
+        columns = {"accuracy_validation": self.accuracy, "ruled_out": self.epochs}
+        return {"augmentation": self.kind, **columns, "chosen": False, "last": False}
+
+
+Begun = Mapping[str, Checkpoint | Tried]
+"""Trainings by their kind of copies: where they go on, or what came of them if they were done early."""
+
+
+def rule_out(
+    trains: SpikeTrains,
+    spec: RSNNSpec,
+    task: Task,
+    seeds: tuple[int, int],
+    kinds: Sequence[str],
+    progress: Any = None,
+) -> tuple[Begun, list[RuledOut]]:
+    """Begin the training with each kind of varied copies; what goes on, and which kinds are ruled out (`PART`).
+
+    Without copies a network has seen fewer windows by then: that training is not judged. It is the shortest, and tells
+    what copies gain. The trainings that go on are as if nothing had been judged.
+    """
+    copied = [kind for kind in kinds if kind != NONE]
+    if len(copied) < 2:
+        return {}, []
+    begun: dict[str, Checkpoint | Tried] = {}
+    for kind in copied:
+        try:
+            begun[kind] = _trained(trains, spec, _task_of(task, kind), seeds, progress=progress, until=PART)
+        except trainer.Paused as paused:
+            begun[kind] = paused.checkpoint
+    epoch = {kind: one.fitted.training.best if isinstance(one, Tried) else _best_so_far(one, spec)
+             for kind, one in begun.items()}  # fmt: skip
+    n = len(np.unique(copies_of(trains).first[tasks.trials_of(trains, task).validation]))
+    accuracies = {kind: own.validation_accuracy for kind, own in epoch.items()}
+    out = []
+    for kind in clearly_worse(accuracies, n):
+        if isinstance(one := begun[kind], Checkpoint):
+            best = max(accuracies, key=accuracies.__getitem__)
+            out.append(RuledOut(kind, accuracies[kind], len(one.epochs), (best, accuracies[best])))
+            del begun[kind]
+    return begun, out
+
+
+def _best_so_far(checkpoint: Checkpoint, spec: RSNNSpec) -> Epoch:
+    return epochs.best_of(checkpoint.epochs, spec.training.keep)
+
+
+def clearly_worse(accuracies: Mapping[str, float], n: int) -> list[str]:
+    """The names whose accuracy is below the best by more than `CLEAR` standard errors of the difference.
+
+    n: the trials of each accuracy. The errors are those of different trials, and with one more right and one more wrong
+    (Agresti and Caffo 2000, doi 10.1080/00031305.2000.10474560): of the same trials they are less.
+
+    >>> clearly_worse({"time": 0.9, "gain": 0.6, "time+gain": 0.85}, 40)
+    ['gain']
+    """
+    best = max(accuracies.values())
+
+    def variance(accuracy: float) -> float:
+        share = (accuracy * n + 1) / (n + 2)
+        return share * (1 - share) / (n + 2)
+
+    error = {name: math.sqrt(variance(best) + variance(one)) for name, one in accuracies.items()}
+    return [name for name, one in accuracies.items() if best - one > CLEAR * error[name]]
+
+
 def trainings(
     trains: SpikeTrains,
     spec: RSNNSpec,
     task: Task,
     seeds: tuple[int, int],
-    kinds: tuple[str, ...],
+    kinds: Sequence[str],
     progress: Any = None,
+    begun: Begun = MappingProxyType({}),
 ) -> Iterator[Tried]:
-    """A training with each kind of varied copies, all from the same initial weights.
+    """A training with each kind of varied copies, all from the same initial weights; begun: of `rule_out`.
 
     A single kind was not chosen on validation trials of another condition; these then vary as training trials do.
     """
     varied = are_unranked(kinds, trains.conditions, task.split)
     for kind in kinds:
-        own = task.model_copy(update={"augmentation": kind, "varied_validation": varied})
-        fitted, sides = trainer.fit(trains, spec, own, seeds, progress=progress)
-        yield Tried(own, fitted, sides, _accuracy_seen(fitted, trains, own))
+        start = begun.get(kind)
+        own = _task_of(task, kind).model_copy(update={"varied_validation": varied})
+        is_done = isinstance(start, Tried)
+        yield start if is_done else _trained(trains, spec, own, seeds, progress=progress, start=start)
+
+
+def _task_of(task: Task, kind: str) -> Task:
+    return task.model_copy(update={"augmentation": kind})
+
+
+def _trained(trains: SpikeTrains, spec: RSNNSpec, task: Task, seeds: tuple[int, int], **options: Any) -> Tried:
+    fitted, sides = trainer.fit(trains, spec, task, seeds, **options)
+    return Tried(task, fitted, _without_training(sides), _accuracy_seen(fitted, trains, task))
+
+
+def _without_training(sides: Sides) -> Sides:
+    """The sides without the spikes of training windows, which are most of all, while other kinds are trained."""
+    _, *shape = sides.train.spikes.shape
+    return sides._replace(train=sides.train._replace(spikes=sides.train.spikes.new_zeros(0, *shape)))
 
 
 def _accuracy_seen(fitted: Trained, trains: SpikeTrains, task: Task) -> float | None:

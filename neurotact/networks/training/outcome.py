@@ -9,7 +9,7 @@ from neurotact.data.copies import copies_of
 from neurotact.data.spikes import SpikeTrains
 from neurotact.data.splits import Split
 from neurotact.metrics import starts
-from neurotact.networks.training import cautions, comparison, tasks
+from neurotact.networks.training import cautions, comparison, numbers, tasks
 from neurotact.networks.training.comparison import Comparison, Trials, compare
 from neurotact.networks.training.model_selection import Choice
 from neurotact.networks.training.tasks import Sides, Task
@@ -20,7 +20,8 @@ from neurotact.networks.use import measuring
 class Outcome(NamedTuple):
     """The outcome of a training.
 
-    row: its numbers. confusion: test windows by true and chosen class, `(class, class)`; classes: their names.
+    row: its numbers. confusion: test windows by true and chosen class, `(class, class)`, empty where numbers are
+    learned; classes: their names, or the targets.
     compared: its accuracy, and what it is compared with. cautions: what may be wrong, one line each.
     step_ms: a step of the encoder's clock.
     acausal: a note on the encoder's baseline; None if windows depend only on the past.
@@ -48,13 +49,15 @@ class Outcome(NamedTuple):
     def lines(self) -> list[str]:
         """The accuracy, the cost and the confusions in words."""
         costs = comparison.costs(self.row, self.step_ms)
-        confused = comparison.confused(self.confusion, self.classes)
-        recurrence = comparison.recurrence(self.row)
+        if self.confusion:
+            first, last = [], [*comparison.recurrence(self.row), comparison.confused(self.confusion, self.classes)]
+        else:
+            first, last = [*numbers.lines(self.row, self.classes)], []
         return [
-            *comparison.lines(self.compared, self.start),
+            *first,
+            *comparison.lines(self.compared, self.start, comparison.percent if self.confusion else numbers.scored),
             costs,
-            *recurrence,
-            confused,
+            *last,
             *([self.acausal] if self.acausal else []),
         ]
 
@@ -96,11 +99,14 @@ def outcome_of(
     distinct = Split(*map(copies.distinct, parts))
     held, tested = ((task.training_window, parts.validation), (task.window, parts.test))
     trials = Trials(*(copies.first[trains.cut(window, side).trial] for window, side in (held, tested)))
-    compared = compare(result["right"], sides, trials, len(tasks.names_of(trains, task)), last)
+    names = tasks.names_of(trains, task)
+    if task.target:
+        result["row"] |= numbers.errors(result["values"], sides.test.labels.numpy(), names, trials.test)
+    compared = compare(result["right"], sides, trials, len(names), last)
     return Outcome(
         result["row"],
         result["confusion"],
-        tasks.names_of(trains, task),
+        names,
         compared,
         [
             *cautions.copies(*_counts(parts, distinct)),
@@ -127,10 +133,14 @@ def _cautions(
     command: cautions.Command,
     searched: Collection[str],
 ) -> Iterator[str]:
-    yield from cautions.not_learned(compared.accuracy, compared.low, max(compared.chance, compared.commonest), command)
+    told = numbers.scored if task.target else comparison.percent
+    guess = max(compared.chance, compared.commonest)
+    yield from cautions.not_learned(compared.accuracy, compared.low, guess, command, told)
     spec = fitted.network.spec
-    yield from cautions.worse_than_baseline(compared, spec, command, searched, fitted.training.n_members)
+    yield from cautions.worse_than_baseline(compared, spec, command, searched, fitted.training.n_members, told)
     yield from cautions.training(fitted.training.table(), spec.training, command=command)
+    if task.target:
+        return
     known = sorted(set(trains.labels[parts.train].tolist()))
     tested = trains.labels[parts.test]
     per_class = {trains.classes[label]: int((tested == label).sum()) for label in known}

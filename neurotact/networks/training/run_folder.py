@@ -203,16 +203,18 @@ def save(
     task: Task,
     split: Split | None = None,
     more: Mapping[str, Any] | None = None,
+    windows: Tensor | None = None,
 ) -> None:
     """Write the network with its task, its exit rule, its training log and what it was trained on into `folder`.
 
     Of networks that were joined, their number and the hidden neurons of each are saved, too; and the ranges of values
     on training trials, where their recordings are found.
-    split: as given to `fit`. more: further JSON values for `restore`.
+    split: as given to `fit`. more: further JSON values for `restore`. windows: the spikes of training windows, if they
+    are at hand.
     """
     folder, n_members, n_hidden = Path(folder), trained.training.n_members, trained.network.spec.n_hidden
     sides = trials_of(trains, task, split)
-    windows = sides_of(trains, task, split).train.spikes
+    windows = sides_of(trains, task, split).train.spikes if windows is None else windows
     found = recorded(trained.network, windows, trains, sides.train, spikes_path)
     extra = {
         "classes": list(names_of(trains, task)),
@@ -279,6 +281,14 @@ class Restored(NamedTuple):
     def afferents(self) -> tuple[str, ...] | None:
         """The names of the afferents, in the order of the network's inputs; None if unknown."""
         return self.names if self.provenance is None else self.provenance.afferents
+
+    def of_classes(self, what: str) -> "Restored":
+        """The network itself; InputError for one that tells numbers, which `what` has no use for."""
+        if target := self.task.target:
+            raise InputError(
+                f"{self.source}: tells numbers ({', '.join(target)}), and {what} needs classes; train without `target`"
+            )
+        return self
 
     def exits(self, early_exit: bool = True) -> ExitRule:
         """The rule by which it decides: that of early exit if asked for and used (`patience.ExitChoice.used`)."""

@@ -13,20 +13,20 @@ from pydantic import Field
 from neurotact.data import hdf5
 from neurotact.data.augmentation import NONE
 from neurotact.data.copies import copies_of
-from neurotact.data.recordings import select_conditions
-from neurotact.data.spikes import SpikeTrains
-from neurotact.data.splits import Split, Splits, SplitSpec, hold_out, split_touches, turns_of
+from neurotact.data.recordings import LABEL, select_conditions
+from neurotact.data.spikes import SpikeTrains, empty_raster
+from neurotact.data.splits import Split, Splits, SplitSpec, hold_out, split_conditions, split_touches, turns_of
 from neurotact.data.trial_choice import LeaveOut, TrialChoice, Where, chosen_trials, values_in_words
 from neurotact.data.window_choice import ARGUMENTS, Words, suited_window
 from neurotact.data.windows import Windows, WindowSpec
 from neurotact.errors import InputError
 from neurotact.networks.definition import recipe
-from neurotact.networks.training import balancing
-from neurotact.networks.training.balancing import Balance
+from neurotact.networks.definition.learned import Balance
+from neurotact.networks.training import balancing, numbers
 from neurotact.networks.training.epochs import Examples
 from neurotact.networks.training.provenance import SIDES
 from neurotact.progress import Tell
-from neurotact.spec import Spec, build
+from neurotact.spec import OneOrMore, Spec, build
 
 LEAST_KEPT = 10
 """Trials kept for a test at the conditions of training, at least: fewer tell little and are missed in training."""
@@ -55,8 +55,8 @@ class Task(Spec):
     """Whose training windows count the same in sum: those of each class, or of each condition within a class, too."""
     varied_validation: bool = False
     """Whether validation is on these copies of validation trials, too: where it cannot leave out a condition."""
-    target: tuple[str, ...] | None = Field(default=None, min_length=1, exclude_if=lambda target: target is None)
-    """The conditions whose numbers a network tells of a window; if absent, it tells the class of the trial."""
+    target: OneOrMore = Field(default=(), exclude_if=lambda target: not target)
+    """The conditions whose numbers a network tells of a window; if there are none, it tells the class of the trial."""
     seen: float = Field(default=0.0, ge=0, lt=1)
     """Share of the training trials that are kept for a test at the conditions of training."""
     gone = {"exit_by": "stability"}
@@ -165,7 +165,9 @@ def sides_of(trains: SpikeTrains, task: Task, split: Split | None = None) -> Sid
         validation, windows = examples_of(trains, sides.validation, task, task.training_window)
         held = windows.trial
     validation = validation._replace(of=torch.from_numpy(copies_of(trains).first[held]))
-    return Sides(train, validation, examples_of(trains, sides.test, task)[0])
+    found = Sides(train, validation, examples_of(trains, sides.test, task)[0])
+    scale = numbers.Scale.of(train)
+    return found if scale is None else Sides(*(side._replace(deviation=scale.deviation.float()) for side in found))
 
 
 def with_every_condition(trains: SpikeTrains, task: Task) -> Task | None:
@@ -233,28 +235,33 @@ def _cuts(trains: SpikeTrains, task: Task, trials: np.ndarray) -> Iterator[_Cut]
         return
     if trains.variations is None:
         raise InputError(f"spikes: hold no varied copies, and training asks for '{task.augmentation}'; encode them")
-    varied = trains.variations.trains
-    windows = varied.cut(task.training_window, trains.variations.rows(trials, task.augmentation))
-    yield _Cut(varied, windows, trains.variations.of[windows.trial])
+    varied, before = trains.variations.only(trains.variations.rows(trials, task.augmentation)), 0
+    for block in varied.source.blocks(varied.places):
+        windows = block.cut(task.training_window)
+        yield _Cut(block.within(windows), windows, varied.of[before + windows.trial])
+        before += len(block)
 
 
 def _with_copies(trains: SpikeTrains, task: Task, trials: np.ndarray) -> tuple[Examples, np.ndarray]:
     """The windows of some trials for training or validation, and of their varied copies; the trial of each window."""
     cuts = [*_cuts(trains, task, trials)]
-    rasters = [torch.from_numpy(cut.trains.raster(cut.windows)) for cut in cuts]
-    of = np.concatenate([cut.trial for cut in cuts])
+    of, before = np.concatenate([cut.trial for cut in cuts]), 0
     labels = torch.cat([labels_of(trains, replace(cut.windows, trial=cut.trial), task) for cut in cuts])
-    spikes = rasters[0] if len(rasters) == 1 else torch.cat(rasters)
-    return Examples(spikes, labels), of
+    spikes = empty_raster(len(of), cuts[0].windows.n_steps, len(trains.afferents))
+    for cut in cuts:
+        cut.trains.raster(cut.windows, into=spikes[before : before + len(cut.trial)])
+        before += len(cut.trial)
+    return Examples(torch.from_numpy(spikes), labels), of
 
 
 def trials_of(trains: SpikeTrains, task: Task, split: Split | None = None) -> Split:
     """The trials of each side of the split, within those that the task's subset selects; `split` as for `sides_of`.
 
-    Raises InputError if the training trials have fewer than two classes.
+    Raises InputError if the training trials have fewer than two classes, and as `numbers.check` does. Without a
+    condition that tells them apart, the sides have equal shares of each class, or of similar numbers.
     """
     inside = np.flatnonzero(select_conditions(trains.conditions, task.subset))
-    split = split or split_touches(trains, task.stratify, task.split)
+    split = split or _split(trains, task)
     sides = Split(*(np.intersect1d(side, inside) for side in split))
     if task.seen:
         kept = _kept(trains, sides.train, task)
@@ -262,6 +269,9 @@ def trials_of(trains: SpikeTrains, task: Task, split: Split | None = None) -> Sp
     empty = [name for name, side in zip(SIDES, sides, strict=True) if not len(side)]
     if empty:
         raise InputError(f"split: no {empty[0]} trial is left within the subset {task.subset}; split otherwise")
+    if task.target:
+        numbers.check(trains.conditions, task.target, sides.train)
+        return sides
     names = names_of(trains, task)  # gathered from all trials at every call
     known = [names[label] for label in np.unique(trains.labels[sides.train])]
     if len(known) < 2:
@@ -269,6 +279,17 @@ def trials_of(trains: SpikeTrains, task: Task, split: Split | None = None) -> Sp
             f"spikes: the training trials hold too few classes ({', '.join(known) or 'none'}); give at least two"
         )
     return sides
+
+
+def _split(trains: SpikeTrains, task: Task) -> Split:
+    """The split that a task draws."""
+    if not task.target:
+        return split_touches(trains, task.stratify, task.split)
+    chosen = task.split
+    table, is_random = trains.conditions, not (chosen.test_where or chosen.group or chosen.order)
+    numbers.check(table, task.target, np.arange(len(table)))
+    groups = numbers.groups_of(table, task.target) if is_random else 0
+    return split_conditions(table.assign(**{LABEL: groups}), task.stratify, chosen, copies_of(trains).first)
 
 
 def _kept(trains: SpikeTrains, train: np.ndarray, task: Task) -> np.ndarray:
@@ -305,13 +326,19 @@ def examples_of(
 
 
 def labels_of(trains: SpikeTrains, windows: Windows, task: Task) -> torch.Tensor:
-    """What a network learns of windows: the index of the class of each one's trial, `(window,)` int64."""
+    """What a network learns of windows.
+
+    The index of the class of each one's trial, `(window,)` int64; of a task with a target the numbers of the trial,
+    `(window, target)` float32.
+    """
+    if task.target:
+        return torch.from_numpy(numbers.of_trials(trains.conditions, task.target)[windows.trial])
     return torch.from_numpy(trains.labels[windows.trial])
 
 
 def names_of(trains: SpikeTrains, task: Task | None = None) -> tuple[str, ...]:
-    """The names of the readout neurons: the classes of all trials, into which `labels_of` are indices."""
-    return trains.classes
+    """The names of the readout neurons: the targets, or the classes of all trials, into which labels are indices."""
+    return tuple(task.target) if task is not None and task.target else trains.classes
 
 
 def seen(trains: SpikeTrains, task: Task) -> recipe.Seen:

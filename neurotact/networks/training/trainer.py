@@ -1,7 +1,9 @@
 """From spike trains to a trained network: new weights, training, and the exit rule chosen on validation windows."""
 
+import math
 import warnings
 from collections.abc import Callable, Iterator
+from functools import partial
 from typing import Any, NamedTuple
 
 import torch
@@ -10,18 +12,27 @@ from torch import Tensor
 from neurotact.backend import Backend
 from neurotact.data.spikes import SpikeTrains
 from neurotact.data.splits import Split
-from neurotact.networks.definition import clock, module, recipe
+from neurotact.networks.definition import clock, initial, module, recipe
 from neurotact.networks.definition.network import Network
 from neurotact.networks.definition.specs import RSNNSpec
 from neurotact.networks.exit import patience
 from neurotact.networks.exit.patience import ExitChoice, Judged
-from neurotact.networks.exit.rule import ExitRule
+from neurotact.networks.exit.rule import FULL_WINDOW, ExitRule
 from neurotact.networks.training import ensemble
 from neurotact.networks.training.epochs import Checkpoint, Examples, Training
+from neurotact.networks.training.numbers import spec_for
 from neurotact.networks.training.tasks import Sides, Task, names_of, sides_of
 
 AT_ONCE = 256
 """Windows that are simulated together."""
+
+
+class Paused(Exception):  # noqa: N818 (nothing failed)
+    """A training that was to stop early, with the checkpoint from which it goes on."""
+
+    def __init__(self, checkpoint: Checkpoint) -> None:
+        super().__init__(f"paused after {len(checkpoint.epochs)} epochs")
+        self.checkpoint = checkpoint
 
 
 class Trained(NamedTuple):
@@ -54,16 +65,18 @@ def fit(
     split: Split | None = None,
     start: Checkpoint | None = None,
     keep: Callable[[Checkpoint], None] | None = None,
+    until: float | None = None,
 ) -> tuple[Trained, Sides]:
     """Train a network, or several that are joined; two seeds (initial weights, order of trials) determine every number.
 
     split: replaces the split that the task draws.
     start: a checkpoint to continue from. keep: called with a checkpoint after each epoch (see `epochs.train`).
+    until: raise `Paused` after this share of the epochs, unless all is done before.
     Warns if no training window holds a spike: the network then learns nothing.
     """
     sides = sides_of(trains, task, split)
     _warn_of_silence(sides.train)
-    how = {"device": device, "backend": backend, "progress": progress, "start": start, "keep": keep}
+    how = {"device": device, "backend": backend, "progress": progress, "start": start, "keep": keep, "until": until}
     network, training = new_trained(trains, spec, seeds, sides.train, sides.validation, task=task, **how)
     return finished(network.cpu(), training, sides, task), sides
 
@@ -78,11 +91,12 @@ def new_trained(
     task: Task | None = None,
     device: str | torch.device = "cpu",
     backend: Backend = "auto",
+    until: float | None = None,
     **options: Any,
 ) -> tuple[Network, Training]:
     """Train a network for the afferents and classes of some spike trains, with the choices of its recipe; and its log.
 
-    task: as for `tasks.names_of`. options: of `ensemble.train`.
+    task: as for `tasks.names_of`. until: as of `fit`, in place of `keep`. options: of `ensemble.train`.
     """
 
     def new(spec: RSNNSpec, seeds: tuple[int, int]) -> tuple[Network, torch.Generator]:
@@ -90,7 +104,14 @@ def new_trained(
         return network.to(device), order
 
     chosen = recipe.chosen_for(spec, training.spikes, trains.sampling_rate_Hz)
+    if until is not None:
+        options["keep"] = partial(_pause, math.ceil(until * chosen.training.epochs))
     return ensemble.train(new, chosen, seeds, training, validation, **options)
+
+
+def _pause(epochs: int, checkpoint: Checkpoint) -> None:
+    if len(checkpoint.epochs) >= epochs:
+        raise Paused(checkpoint)
 
 
 def _warn_of_silence(training: Examples) -> None:
@@ -104,7 +125,9 @@ def _warn_of_silence(training: Examples) -> None:
 
 
 def finished(network: Network, training: Training, sides: Sides, task: Task) -> Trained:
-    """A trained network, with the exit rule chosen on its validation windows."""
+    """A trained network, with the exit rule chosen on its validation windows; one of numbers has whole windows."""
+    if task.target:
+        return Trained(network, training, FULL_WINDOW)
     training_side = sides.train if task.exit_choice == "steady" else None
     held = exit_of(network, sides.validation, task.exit_tolerance, training_side)
     return Trained(network, training, held.rule, held=held)
@@ -120,7 +143,7 @@ def new_network(
     task: as for `tasks.names_of`.
     """
     weights, order = (torch.Generator().manual_seed(seed) for seed in seeds)
-    names = names_of(trains, task)
+    names, spec = names_of(trains, task), spec_for(spec, task.target if task else ())
     return begin(training, len(names), spec, trains.sampling_rate_Hz, weights, backend=backend), order
 
 
@@ -137,7 +160,7 @@ def begin(
     chosen = recipe.chosen_for(spec, training, sampling_rate_Hz)
     network = module.new(training.shape[2], n_classes, chosen, sampling_rate_Hz, backend=backend, generator=generator)
     _warn_of_merged(network, training)
-    recipe.start(network, training, generator)
+    initial.start(network, training, generator)
     return network
 
 

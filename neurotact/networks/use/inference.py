@@ -11,7 +11,7 @@ from neurotact.errors import InputError
 from neurotact.metrics import synops
 from neurotact.networks.training.provenance import Provenance, first_difference
 from neurotact.networks.training.run_folder import Restored
-from neurotact.networks.training.tasks import examples_of, names_of, warn_of_onsets
+from neurotact.networks.training.tasks import examples_of, warn_of_onsets
 from neurotact.networks.use.measuring import synops_of
 from neurotact.progress import say
 
@@ -28,20 +28,18 @@ def infer(
 
     Columns: those of `synops.table_of`, with class names in `label` and `predicted`; and `side`, the side of the split
     that had the window's trial: training, validation, test or unseen; "unknown" of a network that was fitted in memory.
+    Of a network that tells numbers, `true_NAME` and `predicted_NAME` of each target in place of `predicted`; what the
+    trial has no number of is NaN.
 
     test_only: leave out all trials but the network's own test trials.
     allow_other_encoder: warn of spikes with another encoder than in training, instead of refusing them.
     Raises InputError for spikes of another encoder, other afferents, another clock or unknown classes.
     """
     unknown = sorted(set(trains.classes) - set(restored.classes))
-    if unknown:
+    target = restored.task.target
+    if unknown and not target:
         raise InputError(f"spikes: class '{unknown[0]}' is not a class of the network ({', '.join(restored.classes)})")
-    if trains.sampling_rate_Hz != restored.network.sampling_rate_Hz:
-        raise InputError(
-            f"spikes: are sampled at {trains.sampling_rate_Hz:g} Hz but the network was trained at "
-            f"{restored.network.sampling_rate_Hz:g} Hz; encode them on that clock"
-        )
-    _check_encoder(restored, trains, allow_other_encoder)
+    check_same_input(restored, trains, allow_other_encoder)
     known = restored.provenance
     sides = np.full(len(trains), synops.UNKNOWN) if known is None else known.sides(trains)
     trials = _tested(trains, known) if test_only else np.arange(len(trains))
@@ -51,24 +49,39 @@ def infer(
     for line in left_out(fits, 1e3 * trains.trial_steps / trains.sampling_rate_Hz):
         warnings.warn(line, stacklevel=2)
     network, held = restored.network, restored.held
+    if early_exit and target:
+        say("early exit is not used, whole windows decide: a network that tells numbers has no rule for it")
     if early_exit and held is not None and held.is_refused:
         say(f"early exit is not used, whole windows decide: {held.in_words}")
     result = network.infer(examples.spikes.to(network.device), restored.exits(early_exit))
     labels, steps, input_spikes, hidden_spikes = (part.cpu().numpy() for part in result[:4])
     table = synops.table_of(
         synops_of(result, network),
-        labels=np.array(names_of(trains, restored.task))[examples.labels],
-        predicted=np.array(restored.classes)[labels],
+        labels=np.array(trains.classes)[trains.labels[windows.trial]],
+        predicted=labels if target else np.array(restored.classes)[labels],
         steps=steps,
         input_spikes=input_spikes,
         hidden_spikes=hidden_spikes,
         trials=windows.trial,
     )
     table.insert(1, synops.SIDE, sides[windows.trial])
+    if not target:
+        return table
+    place, told = table.columns.get_loc("predicted"), (examples.labels.numpy(), result.readout.cpu().numpy())
+    table = table.drop(columns="predicted")
+    for name, true, value in reversed([*zip(target, *(values.T for values in told), strict=True)]):
+        table.insert(place, f"{synops.OF_NUMBERS}{name}", value)
+        table.insert(place, f"true_{name}", true.astype(float))
     return table
 
 
-def _check_encoder(restored: Restored, trains: SpikeTrains, allow_other: bool) -> None:
+def check_same_input(restored: Restored, trains: SpikeTrains, allow_other: bool) -> None:
+    """Refuse spikes of another clock, other afferents or, unless it is allowed with a warning, another encoder."""
+    if trains.sampling_rate_Hz != restored.network.sampling_rate_Hz:
+        raise InputError(
+            f"spikes: are sampled at {trains.sampling_rate_Hz:g} Hz but the network was trained at "
+            f"{restored.network.sampling_rate_Hz:g} Hz; encode them on that clock"
+        )
     n_inputs = restored.network.n_inputs
     if len(trains.afferents) != n_inputs:
         raise InputError(

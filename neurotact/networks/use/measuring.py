@@ -36,7 +36,8 @@ def measure(trained: Trained, sides: Sides, populations: Mapping[str, np.ndarray
 
     populations: afferents of each one, as `SpikeTrains.populations`. SOPs, spikes and steps are means over windows.
     `right` and `exit_right` are of each test window, on the whole window and with early exit; `exit_losses` of each
-    validation trial (`patience.ExitChoice`).
+    validation trial (`patience.ExitChoice`). Of numbers, accuracies are mean scores, the matrix is empty, and `values`
+    are those of the test windows, `(window, target)`.
     """
     network, test = trained.network, sides.test
     spikes = test.spikes.to(network.device)
@@ -56,7 +57,7 @@ def measure(trained: Trained, sides: Sides, populations: Mapping[str, np.ndarray
         "exit_patience": trained.rule.patience,
         **touched(windows, network.steps_per_bin),
         **{f"exit_{name}": value for name, value in touched(windows, network.steps_per_bin, early.steps).items()},
-        **_oracle(network, windows),
+        **({} if test.labels.ndim > 1 else _oracle(network, windows)),
         **({} if network.spec.own is None else {OWN_KEYS: network.spec.own_keys}),
         **(_arriving(full, early) if network.spec.own is not None or not network.spec.hidden else {}),
         **(network.synapses and {**network.synapses, **_spikes("", full), **_spikes("exit_", early)}),
@@ -69,9 +70,11 @@ def measure(trained: Trained, sides: Sides, populations: Mapping[str, np.ndarray
         **({} if (blocks := network.spec.recurrent_blocks) == 1 else {"recurrent_blocks": blocks}),
         **({"direct": 1} if network.spec.direct and network.spec.hidden else {}),
     }
-    matrix = confusion_matrix(test.labels, full.labels.cpu(), labels=range(network.n_classes))
     right, exit_right = (right_of(result, test) for result in (full, early))
-    found = {"row": row, "confusion": matrix.tolist(), "right": right, "exit_right": exit_right}
+    found = {"row": row, "right": right, "exit_right": exit_right}
+    if test.labels.ndim > 1:
+        return {**found, "confusion": [], "values": full.readout.cpu().numpy()}
+    found["confusion"] = confusion_matrix(test.labels, full.labels.cpu(), labels=range(network.n_classes)).tolist()
     return found if held is None else {**found, "exit_losses": {**held.losses}}
 
 
