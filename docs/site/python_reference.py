@@ -70,7 +70,7 @@ SUBJECTS = {
     "studies": Subject(
         "Studies",
         "Many networks from one TOML file, over processes and machines, with a report that says what came out.",
-        "run_study resume_study report_study study_answer",
+        "run_study resume_study report_study study_answer bundle_study",
     ),
     "baselines": Subject(
         "Opponents",

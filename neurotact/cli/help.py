@@ -53,6 +53,16 @@ EXAMPLES = {
 }
 """An example of each command, by its name; a command of another package may have none."""
 
+TASKS = {
+    "From recordings to an answer": "study",
+    "Recordings": "import fetch simulate info",
+    "Spikes": "calibrate encode raster",
+    "Networks": "train infer sops tune save learn conditions-curve",
+    "Devices": "stream live export fine-tune",
+    "Specs": "list show copy",
+}
+"""The commands by what a user wants to do, as the help of the program shows them."""
+
 GROUPS = {
     "Windows": "--window-ms --start-ms --hop-ms --per-trial --align --rest-ms --onset-deviations",
     "Trials and split": "--where --leave-out --test-where --group --order --folds --fold --repeats --stratify "
