@@ -36,6 +36,9 @@ CLAIMS = {"better", "worse", "nothing learned"}
 """Kinds of answers that claim something; the others say that these trials cannot tell."""
 FACTOR = 1.5
 """Ratios of energies that differ by less say the same."""
+UNSURE = "cannot tell"
+PERIODS = {"Use ": "use", "No refractory period pays": "none pays", "These recordings cannot tell": UNSURE}
+"""What is said of refractory periods, by how the sentence begins."""
 
 
 def of_set(name: str) -> Recordings:
@@ -70,6 +73,7 @@ def said(answer: dict[str, Any]) -> dict[str, Any]:
         "kind": answer["kind"],
         "best": best["pair"],
         "cheapest": cheapest["pair"],
+        "period": next(said for begins, said in PERIODS.items() if answer["period"].startswith(begins)),
         "accuracy": used["accuracy"],
         "rival": "" if rival is None else rival["name"],
         "ratio": np.nan if rival is None else used["nJ"] / rival["nJ"],
@@ -87,6 +91,7 @@ def compared(name: str, folder: Path) -> dict[str, Any]:
         **{f"{key}_{which}": one[key] for key in quick for which, one in (("quick", quick), ("whole", whole))},
         "same_kind": quick["kind"] == whole["kind"],
         "claims_otherwise": quick["kind"] in CLAIMS and quick["kind"] != whole["kind"],
+        "periods_otherwise": quick["period"] not in (UNSURE, whole["period"]),
         "same_cheapest": quick["cheapest"] == whole["cheapest"],
         "same_rival": quick["rival"] == whole["rival"],
         "near_ratio": is_near,
@@ -103,4 +108,4 @@ if __name__ == "__main__":
     table = pd.DataFrame([compared(name, given.folder) for name in given.sets])
     table.to_csv(given.o / "quick-and-whole.csv", index=False, float_format="%.4g")
     print(table.to_string())
-    print(table[["same_kind", "claims_otherwise", "same_cheapest", "same_rival", "near_ratio"]].sum(), len(table))
+    print(table.select_dtypes(bool).sum(), len(table))
