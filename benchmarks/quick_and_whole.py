@@ -23,12 +23,7 @@ from neurotact.data.recordings import Recordings
 from neurotact.data.trial_choice import fewer_trials
 from neurotact.files import read_json
 
-PAIRS = [[1, 1], [5, 5], [10, 10]]
-REDUCED = {
-    "sweep.encoder.ra1.t_ref_ms & encoder.sa1.t_ref_ms": PAIRS,
-    "sweep.network.hidden": [20, 50],
-    "sweep.seed": [0, 1, 2],
-}
+REDUCED = {"sweep.encoder.ra1.t_ref_ms & encoder.sa1.t_ref_ms": "auto equal", "sweep.seed": [0, 1, 2]}
 MOST = 240
 REAL = (*READ, "icub", "gratings")
 MADE = ("clear", "unclear", "nothing", "few", "slow", "fast")
