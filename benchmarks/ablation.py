@@ -44,7 +44,7 @@ def of_set(rows: pd.DataFrame) -> Iterator[dict[str, Any]]:
             "points lost": 100 * lost.mean,
             "points lost, from": 100 * lost.low,
             "points lost, to": 100 * lost.high,
-            "points more than all together": -100 * beside.mean,
+            "points more than all together": 0.0 - 100 * beside.mean,
             **left(part, base),
             **of_all,
         }
