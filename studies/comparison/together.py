@@ -98,8 +98,10 @@ def alone(results: pd.DataFrame) -> pd.DataFrame:
 
 
 def shown(results: pd.DataFrame) -> pd.DataFrame:
-    """The rows of single ways and of all together, without those that leave one out."""
-    return results[~results["way"].str.startswith(WITHOUT)]
+    """The rows of single ways, and of all together where each seed has them: a mean over fewer is of other splits."""
+    seeds, of_set = (results.groupby(of)["seed"].transform("nunique") for of in (["set", "way"], ["set"]))
+    is_short = (results["way"] == TOGETHER) & (seeds < of_set)
+    return results[~(results["way"].str.startswith(WITHOUT) | is_short)]
 
 
 def answers(results: pd.DataFrame) -> list[str]:

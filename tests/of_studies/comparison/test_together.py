@@ -76,6 +76,18 @@ def test_single_ways_are_answered_as_without_what_joins_them_and_together_has_a_
     assert answers[:-1] == ways_to_save.answers(together.alone(table).assign(skipped=""))
 
 
+def test_all_together_is_compared_with_single_ways_where_each_seed_has_it():
+    table = pd.DataFrame([
+        {"set": name, "way": way, "seed": seed}
+        for name, way, seeds in (("cubes", NOTHING, 3), ("cubes", TOGETHER, 3), ("cubes", f"{WITHOUT}a", 3),
+                                 ("fabrics", NOTHING, 3), ("fabrics", TOGETHER, 2))
+        for seed in range(seeds)
+    ])  # fmt: skip
+    assert [*together.shown(table).groupby(["set", "way"]).size().items()] == [
+        (("cubes", NOTHING), 3), (("cubes", TOGETHER), 3), (("fabrics", NOTHING), 3)
+    ]  # fmt: skip
+
+
 def test_a_way_may_not_be_called_as_what_joins_all():
     with pytest.raises(InputError, match="another name"):
         build(ways_to_save.Parameters, {"data": {"set": "a", "sets": {"a": {"dataset": {"simulate": "gratings"}}}},
