@@ -13,7 +13,7 @@ from collections.abc import Iterator
 from pathlib import Path
 
 import pandas as pd
-from neurotact_parts.studies.comparison import fronts, protocol, real_sets, rivals
+from neurotact_parts.studies.comparison import fronts, protocol, real_sets, rivals, together
 from neurotact_parts.studies.comparison.skipped import of_run
 
 VIEWS = {"real_sets": real_sets.VIEW, "all_ways": protocol.VIEW}
@@ -34,7 +34,7 @@ def of_rivals(results: dict[str, pd.DataFrame]) -> Iterator[pd.DataFrame]:
 
 
 def of_ways(results: pd.DataFrame) -> Iterator[pd.DataFrame]:
-    for name, rows in of_run(results).groupby("set", sort=False):
+    for name, rows in together.alone(of_run(results)).groupby("set", sort=False):
         yield fronts.energies_of_ways(rows).assign(set=name, seeds=rows["seed"].nunique())
 
 

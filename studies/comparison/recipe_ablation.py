@@ -118,7 +118,7 @@ def changes(results: pd.DataFrame) -> pd.DataFrame:
             rows.append({"set": name, "change": change, "seeds": len(both), "share": share,
                          "accuracy_test": float(mine.loc[both, "accuracy_test"].mean()),
                          **fronts.interval_of(lost, mine)._asdict(), "p": _p(lost, mine)})  # fmt: skip
-    return pd.DataFrame(rows).rename(columns={"mean": "lost"})
+    return pd.DataFrame(rows, columns=None if rows else ["set"]).rename(columns={"mean": "lost"})
 
 
 def _p(lost: np.ndarray, rows: pd.DataFrame) -> float:
@@ -129,8 +129,7 @@ def _p(lost: np.ndarray, rows: pd.DataFrame) -> float:
 def answers(results: pd.DataFrame) -> list[str]:
     """One sentence for each set: the accuracy of the recipe, and the change with the largest loss."""
     shown = of_run(results)
-    both = changes(shown) if not shown.empty else pd.DataFrame()
-    sentences = []
+    both, sentences = changes(shown), []
     for name, rows in shown.groupby("set", sort=False):
         reached = rows.loc[rows["change"] == WHOLE, "accuracy_test"].mean()
         mine = both[both["set"] == name]
@@ -150,13 +149,13 @@ def answers(results: pd.DataFrame) -> list[str]:
 
 def draw(results: pd.DataFrame, arrays: Arrays) -> Iterator[Drawn]:
     """Accuracy lost by each change, a panel per set."""
-    shown = of_run(results)
-    if shown.empty:
+    table = changes(of_run(results))
+    if table.empty:
         return
     yield Drawn(
         "recipe-ablation",
         "Accuracy lost by each change of the recipe",
-        draw_changes(changes(shown)),
+        draw_changes(table),
         "Mean over seeds of the test accuracy that a change loses compared with the recipe, on the same split, with "
         "its 95 % interval if there are three seeds, cut at the ends of the axis. Left of 0 the change is better.",
         "A panel per set; a mark per change, right of the line at 0 if the change loses accuracy.",

@@ -1,7 +1,7 @@
 """All ways to save together, and each of them taken away again: what does a way still save when all else is saved?
 
-Validation accuracy chooses: of each way the setting with the least energy that keeps the accuracy, and ever fewer ways
-until all together keep it.
+Validation accuracy chooses: of each way the setting with the least energy that keeps the accuracy; then one way after
+the other, the one that saves most first, each of which stays if all that stay keep the accuracy together.
 """
 
 from collections.abc import Callable, Iterator, Mapping, Sequence
@@ -73,22 +73,23 @@ def rows_of(
     measure: Callable[[Setting], dict[str, Any]],
     named: Callable[[Setting], str],
 ) -> Iterator[dict[str, Any]]:
-    """The row of all ways together, and one without each; none where fewer than two ways save."""
-    parts = parts_of(tried, rows)
-    if len(parts) < 2:
-        return
+    """The row of all ways together, and one without each; none where no two ways keep the accuracy together."""
 
     def row(way: str, used: Sequence[Part]) -> dict[str, Any]:
         setting = joined(used)
         return {"way": way, "setting": KEEPING, **measure(setting), TOGETHER: named(setting)}
 
-    whole = row(TOGETHER, parts)
-    while len(parts) > 2 and not is_within(whole["accuracy_validation"], rows[0]["accuracy_validation"], LOSS):
-        parts = parts[:-1]
-        whole = row(TOGETHER, parts)
+    kept: list[Part] = []
+    whole: dict[str, Any] = {}
+    for part in parts_of(tried, rows):
+        more = row(TOGETHER, [*kept, part]) if kept else {}
+        if not kept or is_within(more["accuracy_validation"], rows[0]["accuracy_validation"], LOSS):
+            kept, whole = [*kept, part], more
+    if not whole:
+        return
     yield whole
-    for part in parts:
-        yield row(f"{WITHOUT}{part.way}", [other for other in parts if other is not part])
+    for part in kept:
+        yield row(f"{WITHOUT}{part.way}", [other for other in kept if other is not part])
 
 
 def alone(results: pd.DataFrame) -> pd.DataFrame:
@@ -97,8 +98,10 @@ def alone(results: pd.DataFrame) -> pd.DataFrame:
 
 
 def shown(results: pd.DataFrame) -> pd.DataFrame:
-    """The rows of single ways and of all together, without those that leave one out."""
-    return results[~results["way"].str.startswith(WITHOUT)]
+    """The rows of single ways, and of all together where each seed has them: a mean over fewer is of other splits."""
+    seeds, of_set = (results.groupby(of)["seed"].transform("nunique") for of in (["set", "way"], ["set"]))
+    is_short = (results["way"] == TOGETHER) & (seeds < of_set)
+    return results[~(results["way"].str.startswith(WITHOUT) | is_short)]
 
 
 def answers(results: pd.DataFrame) -> list[str]:

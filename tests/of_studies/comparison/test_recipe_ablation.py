@@ -133,6 +133,12 @@ def test_a_seed_that_only_one_of_them_has_is_left_out():
     assert found["seeds"].item() == 2
 
 
+def test_a_recipe_without_changes_is_told_and_draws_nothing():
+    alone = table({WHOLE: [0.9, 0.8]})
+    assert answers(alone) == ["made: the recipe has 85.0 %."]
+    assert list(ablation.draw(alone, {})) == []
+
+
 def test_one_sentence_names_what_matters_most_and_what_does_better():
     values = {WHOLE: [0.8, 0.8, 0.8], "much": [0.5, 0.5, 0.5], "little": [0.7, 0.8, 0.9], "better": [0.9, 0.9, 0.9]}
     (said,) = answers(table(values))

@@ -34,24 +34,26 @@ def test_the_cheapest_setting_of_each_way_that_keeps_the_accuracy_is_joined_unle
     assert ways == ["fewer hidden neurons", "refractory period, longest steps"]  # one clock, one period, no saving
 
 
-@pytest.mark.parametrize("loses", [False, True])
-def test_ways_are_dropped_until_the_accuracy_is_kept_and_each_is_taken_away(loses):
-    asked = []
-
+@pytest.mark.parametrize("loses", ["none", "t_ref_ms", "adaptation", "taxels"])
+def test_a_way_stays_if_it_keeps_the_accuracy_with_those_before_it_and_each_is_taken_away(loses):
     def measure(setting):
-        asked.append(setting)
-        return row(0.5 if loses and setting.adaptation else 0.9, 10)
+        keys = setting.model_dump(exclude_defaults=True)
+        return row(0.89 if loses not in keys else 0.88, 10) | {"keys": {*keys}}  # 1 point is kept, 2 are not
 
-    tried = [*TRIED[:1], *TRIED[5:6], TRIED[3], ("adaptive thresholds", Setting(adaptation=0.3))]
-    found = [*rows_of(tried, [ROWS[0], row(0.9, 50), row(0.9, 70), row(0.9, 90)], measure, lambda setting: "named")]
-    names = [one["way"] for one in found]
-    assert names[0] == TOGETHER
-    assert all(name.startswith(WITHOUT) for name in names[1:])
-    assert (f"{WITHOUT}adaptive thresholds" in names) == (not loses)
-    without = {one["way"]: setting for one, setting in zip(found, asked[-len(found) :], strict=True)}
-    assert without[f"{WITHOUT}fewer hidden neurons"].hidden == 1
-    assert without[TOGETHER].hidden == 0.5
-    assert not [*rows_of(TRIED[:2], ROWS[:2], measure, lambda setting: "")]  # one way has nothing to be joined with
+    ways = {"hidden": {"hidden": 0.5}, "t_ref_ms": {"t_ref_ms": (5, 5)}, "adaptation": {"adaptation": 0.3},
+            "taxels": {"taxels": 0.5}}  # fmt: skip
+    tried = [(NOTHING, Setting()), *((way, Setting(**keys)) for way, keys in ways.items())]
+    rows = [row(0.9, energy) for energy in (100, 50, 60, 70, 80)]
+    whole, *others = rows_of(tried, rows, measure, lambda setting: "named")
+    kept = {*ways} - {loses}
+    assert (whole["way"], whole["keys"]) == (TOGETHER, kept)
+    assert {one["way"]: one["keys"] for one in others} == {f"{WITHOUT}{way}": kept - {way} for way in kept}
+
+
+def test_nothing_is_together_where_one_way_saves_or_no_two_keep_the_accuracy():
+    assert not [*rows_of(TRIED[:2], ROWS[:2], lambda setting: row(0.9, 10), lambda setting: "")]
+    assert not [*rows_of(TRIED, ROWS, lambda setting: row(0.8, 10), lambda setting: "")]
+    assert [*rows_of(TRIED, ROWS, lambda setting: row(0.9, 10), lambda setting: "")]
 
 
 def test_single_ways_are_answered_as_without_what_joins_them_and_together_has_a_sentence():
@@ -72,6 +74,18 @@ def test_single_ways_are_answered_as_without_what_joins_them_and_together_has_a_
     answers = ways_to_save.answers(table.assign(skipped=""))
     assert answers[-1] == said[0]
     assert answers[:-1] == ways_to_save.answers(together.alone(table).assign(skipped=""))
+
+
+def test_all_together_is_compared_with_single_ways_where_each_seed_has_it():
+    table = pd.DataFrame([
+        {"set": name, "way": way, "seed": seed}
+        for name, way, seeds in (("cubes", NOTHING, 3), ("cubes", TOGETHER, 3), ("cubes", f"{WITHOUT}a", 3),
+                                 ("fabrics", NOTHING, 3), ("fabrics", TOGETHER, 2))
+        for seed in range(seeds)
+    ])  # fmt: skip
+    assert [*together.shown(table).groupby(["set", "way"]).size().items()] == [
+        (("cubes", NOTHING), 3), (("cubes", TOGETHER), 3), (("fabrics", NOTHING), 3)
+    ]  # fmt: skip
 
 
 def test_a_way_may_not_be_called_as_what_joins_all():
