@@ -294,6 +294,8 @@ def infer(
 
 def least_lead(readout: Integrator | Layer, rule: ExitRule) -> int:
     """The least lead of a rule in the unit of a readout; a lead in whole units is less if and only if it is less."""
+    if not rule.least_lead:
+        return 0  # also where each number has a unit of its own
     return math.ceil(rule.least_lead / (readout.unit if isinstance(readout, Integrator) else 1))
 
 

@@ -214,7 +214,7 @@ def part_of(labels: np.ndarray, n: int) -> np.ndarray:
     """The places of n examples, evenly spaced within each class, ascending; all if there are no more.
 
     >>> part_of(np.array([0, 1] * 4), 4).tolist()
-    [0, 2, 5, 7]
+    [0, 3, 4, 7]
     """
     if len(labels) <= n:
         return np.arange(len(labels))

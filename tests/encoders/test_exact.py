@@ -295,12 +295,12 @@ def test_its_cost_is_that_of_samples_and_spikes():
     spec = spec_of(**{"conditioning.ema_cutoff_Hz": 30.0}).model_copy(update={"recorded_Hz": 100.0})
     table = spec.model_dump(mode="json", exclude_none=True)
     conditioned = cost(MovingAverage(50, 3), BaselineRemoval(50, 3, level="mean"), signal_ms=500)
-    of_samples = conditioned + afferents.cost({}, 3, 50, 10.0)
+    of_samples = conditioned.in_32_bits() + afferents.cost({"integration": "exact"}, 3, 50, 10.0)
     assert encoding_cost(3, 500, 500.0, table, spikes=0) == of_samples
-    assert encoding_cost(3, 500, 500.0, table, spikes=70) == of_samples + cost_of_spikes(70)
+    assert encoding_cost(3, 500, 500.0, table, spikes=70) == of_samples + cost_of_spikes(70).in_32_bits()
     quick = {**table, "recorded_Hz": 2000.0}  # is resampled to 1 kHz
     of_steps = encoding_cost(3, 500, 500.0, {**table, "integration": "clock"}, recorded_Hz=2000.0)
-    assert encoding_cost(3, 500, 500.0, quick, spikes=70) == of_steps + cost_of_spikes(70)
+    assert encoding_cost(3, 500, 500.0, quick, spikes=70) == of_steps + cost_of_spikes(70).in_32_bits()
     fastest = encoding_cost(3, 500, 500.0, {**table, "sa1": {"t_ref_ms": 5.0}})  # 3 at 200 Hz and 3 at 1 kHz
     assert fastest == of_samples + cost_of_spikes(3 * 100 + 3 * 500)
     on_a_clock = {**table, "integration": "clock"}

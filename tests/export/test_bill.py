@@ -175,7 +175,8 @@ def test_what_is_not_installed_is_named_with_how_to_install_it(tmp_path, monkeyp
 
 def test_a_run_of_events_has_no_bill(tmp_path, monkeypatch):
     monkeypatch.setattr(shutil, "which", lambda tool: tool)
-    monkeypatch.setattr(bill.fitted, "restore", lambda run, spikes: SimpleNamespace(encoder={}))
+    restored = SimpleNamespace(encoder={}, of_classes=lambda what: restored)
+    monkeypatch.setattr(bill.fitted, "restore", lambda run, spikes: restored)
     with pytest.raises(InputError, match=r"^run: was trained on the events of a sensor; a bill needs signals"):
         nt.export("run", tmp_path / "bill", "bill")
 

@@ -14,7 +14,16 @@ PACKAGES = tuple(
     for room in ("encoders", "exporters", "networks", "opponents", "readers", "streams", "studies")
 )
 AS_TYPED = tuple(
-    f"neurotact_parts.{room}" for room in ("exporters", "networks.saving", "networks.search", "readers", "streams")
+    f"neurotact_parts.{room}"
+    for room in (
+        "exporters",
+        "networks.new_class",
+        "networks.refuse",
+        "networks.saving",
+        "networks.search",
+        "readers",
+        "streams",
+    )
 )
 """Where examples name files as a user does."""
 NEEDS = {"neo_blocks": "neo", "nwb": "pynwb", "nwb_output": "pynwb"}

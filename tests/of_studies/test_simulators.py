@@ -11,6 +11,7 @@ from neurotact.errors import InputError
 
 SMALL = {
     "gratings": {"trials": 1, "duration_s": 0.3},
+    "gratings-slips": {"recordings": 1, "duration_s": 6.0},
     "stiffness": {"placements": 1, "grasps": 1},
     "touch-modality": {"people": 1, "recording_s": 2.0, "duration_s": 0.5},
     "contact-materials": {"trials": 1},
@@ -32,6 +33,7 @@ def test_an_experiment_gives_its_trials_tells_its_progress_and_repeats(name):
 
 HUGE = {
     "gratings": [{"trials": 10**9}, {"trials": 1, "duration_s": 1e9}, {"trials": 1, "mount_damping": 1e-12}],
+    "gratings-slips": [{"recordings": 10**9}, {"recordings": 1, "duration_s": 1e9}],
     "stiffness": [{"placements": 10**9}, {"placements": 1, "grasps": 1, "release_s": 1e9}],
     "touch-modality": [{"people": 10**9}, {"people": 1, "recording_s": 1e9}],
     "contact-materials": [{"trials": 10**9}, {"trials": 1, "sampling_rate_Hz": 1e12}],

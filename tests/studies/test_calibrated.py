@@ -81,7 +81,7 @@ def taxels(path, rate_Hz):
     ],
 )
 def test_by_hand_the_encoder_is_that_of_the_study(tmp_path, monkeypatch, caplog, rate_Hz, given, integration):
-    monkeypatch.setattr(gain_search, "CalibrationRule", lambda: RULE)
+    monkeypatch.setattr(gain_search, "CalibrationRule", lambda **_: RULE)
     touches = taxels(tmp_path / "touches.h5", rate_Hz)
     window = {"window.length_ms": 1200.0, "window.start_ms": 0.0, "split.seed": 0}
     of_study = {f"encoder.{key}": value for key, value in given.items()}
@@ -98,7 +98,7 @@ def test_by_hand_the_encoder_is_that_of_the_study(tmp_path, monkeypatch, caplog,
 
 
 def test_a_comparison_takes_the_closed_form_too(tmp_path, monkeypatch):
-    monkeypatch.setattr(gain_search, "CalibrationRule", lambda: RULE)
+    monkeypatch.setattr(gain_search, "CalibrationRule", lambda **_: RULE)
     assert nt.calibrate(taxels(tmp_path / "touches.h5", 35.0), compare=True).integration == "exact"
 
 
