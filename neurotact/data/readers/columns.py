@@ -112,6 +112,8 @@ GUESSES: dict[str, _Guess] = {
 """Each guess by the name of a column, of all formats. A user's option decides in its place."""
 OF_EVENTS = [what.removeprefix("event ") for what in GUESSES if what.startswith("event ")]
 """What the columns of events may be."""
+OF_ARRAYS = ["signals", LABEL, "channels"]
+"""What the arrays of a file may be."""
 
 
 def called(names: Sequence[str], what: str) -> str | None:
