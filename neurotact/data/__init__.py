@@ -21,21 +21,20 @@ Other rooms take:
     hdf5_input: Declared, EVENTS, attribute, opened, own_members, reading
     hdf5_output: Output, create
     onset: common_onset_s, onsets_s
-    readers.clock.stamps: OF_GIVEN_RATE, of_length, of_rate, row_times
-    readers.clock.trials: OF_COLUMNS, Read, mended, recordings_of
-    readers.clock.units: DAY_S, UNIT_S, Unit, apart, is_time_of_day, joined, pair_in, seconds_of, unit_in,
-        without_unit
-    readers.columns: CHOICE, Clock, ColumnsSpec, GUESSES, LayoutSpec, OF_ARRAYS, OF_EVENTS, Samples, called,
-        check_rises, chosen_places, clock_of, evenly, is_index, is_text, read_table, samples_of, unit_of
-    readers.doubts: Fixes, check_first_row, kinds_of_names, say_doubts
+    readers.clock.units: DAY_S, FASTEST_HZ, HOUR_S, LONGEST_S, SHORTEST_S, SLOWEST_HZ, UNIT_S, Unit, apart,
+        is_time_of_day, joined, pair_in, seconds_of, timings, unit_in, without_unit
+    readers.columns: CHOICE, Clock, ColumnsSpec, GUESSES, LayoutSpec, Missing, OF_ARRAYS, OF_EVENTS, Samples,
+        called, check_rises, chosen_places, clock_of, evenly, is_index, is_text, read_table, samples_of, unit_of
     readers.event_spec: EventSpec, MOST_AFFERENTS, SIGNED_MATRIX, holds_events
     readers.formats: Arrays, Cells, Format, arrays_in, holding, suffixes, tables_in
     readers.formats.contents: FLAC, HDF5, LVM, MATLAB, MCAP, NPY, NPZ, PARQUET, ROS_BAG, SOUND, SQLITE, TDMS, TORCH,
         ZIP, check_content, content_of, content_of_bytes, damaged_as
     readers.naming: FIELD, FILE, NamingSpec
-    readers.table.cells: COMMENT, DECIMAL_COMMA, Decimal, FLOAT32_MAX, MAX_CHANNELS, NOT_FINITE, NUMBER, THOUSANDS,
-        Table, as_signal, cells, check_digits, check_width, columns_of, finite_called, grouping_of, is_gap,
-        is_meant_as_number, is_value, lines_of, numbers, table_of, values_of
+    readers.table.cells: COMMENT, DECIMAL_COMMA, Decimal, FLOAT32_MAX, LOOKED_AT, MAX_CHANNELS, NEAR_IN_FLOAT32,
+        NOT_FINITE, NUMBER, THOUSANDS, Table, as_signal, cells, check_digits, check_width, columns_of,
+        finite_called, grouping_of, has_decimals, is_gap, is_meant_as_number, is_value, lines_of, numbers, table_of,
+        values_of
+    readers.table.first_row: check_first_row, rate_in
     readers.table.headings: SEPARATOR_LINE, is_unit, named_table
     readers.table.texts: read_any_text, read_text, split_header
     recordings: LABEL, Recordings, Trials, check_channels, check_conditions, check_import, check_named_classes,

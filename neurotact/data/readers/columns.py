@@ -11,7 +11,6 @@ import numpy as np
 from pydantic import Field
 
 from neurotact.data.readers.clock.units import Unit, apart, is_time_of_day, joined, pair_in, seconds_of, unit_in
-from neurotact.data.readers.doubts import check_first_row
 from neurotact.data.readers.table.cells import (
     NOT_FINITE,
     Table,
@@ -21,6 +20,7 @@ from neurotact.data.readers.table.cells import (
     lost_digits,
     with_whole_rows,
 )
+from neurotact.data.readers.table.first_row import check_first_row
 from neurotact.data.readers.table.headings import is_sample, open_table
 from neurotact.data.recordings import LABEL
 from neurotact.errors import InputError, nearest, some

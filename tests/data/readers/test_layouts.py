@@ -14,10 +14,10 @@ from hypothesis import assume, given
 from hypothesis import strategies as st
 from levels import examples
 from neurotact_parts.readers import folder
+from neurotact_parts.readers.clock import stamps as clock
 from neurotact_parts.readers.folder import conditions_of
 
 import neurotact as nt
-from neurotact.data.readers.clock import stamps as clock
 from neurotact.data.readers.clock import units
 from neurotact.data.readers.naming import NamingSpec
 from neurotact.errors import InputError
