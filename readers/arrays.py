@@ -18,8 +18,7 @@ from neurotact.data.hdf5_input import Declared, own_members, reading
 from neurotact.data.readers.columns import GUESSES, OF_ARRAYS, called
 from neurotact.data.readers.formats import Arrays, Cells, arrays_in, holding, suffixes
 from neurotact.data.readers.table.cells import check_digits, check_width, columns_of, values_of
-from neurotact.data.readers.table.first_row import check_first_row
-from neurotact.data.readers.table.headings import named_table
+from neurotact.data.readers.table.headings import check_first_row, named_table
 from neurotact.data.recordings import LABEL, Recordings, check_import, check_sampling_rate
 from neurotact.errors import InputError, nearest, some
 from neurotact.files import existing

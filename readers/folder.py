@@ -13,13 +13,13 @@ import numpy as np
 from neurotact_parts.readers.arrays import ArrayFile, opened_arrays, said_rates, sampling_rate_of
 from neurotact_parts.readers.clock.trials import OF_COLUMNS, Read, mended, recordings_of
 from neurotact_parts.readers.doubts import Fixes, kinds_of_names
+from neurotact_parts.readers.events.signed_matrix import SIGNED_MATRIX, holds_events
 
 from neurotact.data.readers.clock.units import Unit, apart, joined, pair_in, unit_in
 from neurotact.data.readers.columns import LayoutSpec, Samples, called, is_text, read_table, samples_of
-from neurotact.data.readers.event_spec import SIGNED_MATRIX, holds_events
 from neurotact.data.readers.formats import holding, suffixes, tables_in
 from neurotact.data.readers.formats.contents import content_of
-from neurotact.data.readers.naming import FIELD, FILE, NamingSpec
+from neurotact.data.readers.specs import FIELD, FILE, NamingSpec
 from neurotact.data.readers.table.cells import NUMBER, as_signal, columns_of
 from neurotact.data.readers.table.headings import named_table
 from neurotact.data.recordings import LABEL, Recordings, check_import

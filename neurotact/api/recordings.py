@@ -17,8 +17,7 @@ from neurotact.data.dataset import simulator as simulator
 from neurotact.data.description import MOST_TAXELS as MOST_TAXELS
 from neurotact.data.onset import common_onset_s
 from neurotact.data.readers.columns import OF_ARRAYS, OF_EVENTS, LayoutSpec
-from neurotact.data.readers.event_spec import EventSpec
-from neurotact.data.readers.naming import NamingSpec
+from neurotact.data.readers.specs import EventSpec, NamingSpec
 from neurotact.data.recordings import Recordings
 from neurotact.data.spikes import SpikeTrains
 from neurotact.data.trial_choice import TrialChoice, chosen_trials

@@ -25,17 +25,15 @@ Other rooms take:
         is_time_of_day, joined, pair_in, seconds_of, timings, unit_in, without_unit
     readers.columns: CHOICE, Clock, ColumnsSpec, GUESSES, LayoutSpec, Missing, OF_ARRAYS, OF_EVENTS, Samples,
         called, check_rises, chosen_places, clock_of, evenly, is_index, is_text, read_table, samples_of, unit_of
-    readers.event_spec: EventSpec, MOST_AFFERENTS, SIGNED_MATRIX, holds_events
     readers.formats: Arrays, Cells, Format, arrays_in, holding, suffixes, tables_in
     readers.formats.contents: FLAC, HDF5, LVM, MATLAB, MCAP, NPY, NPZ, PARQUET, ROS_BAG, SOUND, SQLITE, TDMS, TORCH,
         ZIP, check_content, content_of, content_of_bytes, damaged_as
-    readers.naming: FIELD, FILE, NamingSpec
+    readers.specs: EventSpec, FIELD, FILE, MOST_AFFERENTS, NamingSpec
     readers.table.cells: COMMENT, DECIMAL_COMMA, Decimal, FLOAT32_MAX, LOOKED_AT, MAX_CHANNELS, NEAR_IN_FLOAT32,
         NOT_FINITE, NUMBER, THOUSANDS, Table, as_signal, cells, check_digits, check_width, columns_of,
         finite_called, grouping_of, has_decimals, is_gap, is_meant_as_number, is_value, lines_of, numbers, table_of,
         values_of
-    readers.table.first_row: check_first_row, rate_in
-    readers.table.headings: SEPARATOR_LINE, is_unit, named_table
+    readers.table.headings: SEPARATOR_LINE, check_first_row, is_unit, named_table, rate_in
     readers.table.texts: read_any_text, read_text, split_header
     recordings: LABEL, Recordings, Trials, check_channels, check_conditions, check_import, check_named_classes,
         check_sampling_rate, class_indices, class_names, default_channels, order_by_name, select_conditions,

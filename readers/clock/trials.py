@@ -13,7 +13,7 @@ from neurotact_parts.readers.doubts import Fixes, are_thousandths, say_doubts
 
 from neurotact.data.readers.clock.units import UNIT_S, Unit, timings
 from neurotact.data.readers.columns import Missing, Samples
-from neurotact.data.readers.table.first_row import check_first_row, rate_in
+from neurotact.data.readers.table.headings import check_first_row, rate_in
 from neurotact.data.recordings import LABEL, Recordings, check_named_classes
 from neurotact.errors import InputError, some
 from neurotact.files import check_size

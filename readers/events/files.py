@@ -22,7 +22,7 @@ from neurotact.data.readers.clock.units import UNIT_S, Unit, unit_in, without_un
 from neurotact.data.readers.columns import OF_EVENTS, LayoutSpec, called, read_table
 from neurotact.data.readers.formats import arrays_in, tables_in
 from neurotact.data.readers.formats.contents import HDF5, LVM, MATLAB, NPY, NPZ, TDMS, ZIP, check_content
-from neurotact.data.readers.naming import NamingSpec
+from neurotact.data.readers.specs import NamingSpec
 from neurotact.data.readers.table.cells import DECIMAL_COMMA, NUMBER, THOUSANDS, columns_of, grouping_of, values_of
 from neurotact.data.readers.table.headings import named_table
 from neurotact.data.recordings import LABEL

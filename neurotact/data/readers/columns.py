@@ -20,8 +20,7 @@ from neurotact.data.readers.table.cells import (
     lost_digits,
     with_whole_rows,
 )
-from neurotact.data.readers.table.first_row import check_first_row
-from neurotact.data.readers.table.headings import is_sample, open_table
+from neurotact.data.readers.table.headings import check_first_row, is_sample, open_table
 from neurotact.data.recordings import LABEL
 from neurotact.errors import InputError, nearest, some
 from neurotact.spec import Names, Spec, chosen

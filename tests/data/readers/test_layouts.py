@@ -19,7 +19,7 @@ from neurotact_parts.readers.folder import conditions_of
 
 import neurotact as nt
 from neurotact.data.readers.clock import units
-from neurotact.data.readers.naming import NamingSpec
+from neurotact.data.readers.specs import NamingSpec
 from neurotact.errors import InputError
 from neurotact.spec import build
 

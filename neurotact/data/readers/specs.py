@@ -1,15 +1,17 @@
-"""The source of the class and the conditions of a file: what users write of it."""
+"""What users say of files: where the class and the conditions are, and how events become spikes."""
 
 from __future__ import annotations
 
 import re
-from typing import Annotated
+from typing import Annotated, Literal
 
-from pydantic import BeforeValidator, Field, model_validator
+from pydantic import BeforeValidator, Field, field_validator, model_validator
 
+from neurotact.data.readers.clock.units import Unit
 from neurotact.data.recordings import LABEL
 from neurotact.spec import Names, Spec, chosen
 
+MOST_AFFERENTS = 65_536
 FILE = "file"
 FIELD = re.compile(r"\{([^{}]*)\}")
 
@@ -58,3 +60,43 @@ class NamingSpec(Spec):
 def _fields(pattern: str) -> list[str]:
     """The names in a pattern; a level without braces is a name."""
     return FIELD.findall(pattern) if "{" in pattern else [pattern]
+
+
+class EventSpec(Spec):
+    """How events become spikes, `nt.Events`.
+
+    >>> EventSpec(step_ms=0.5, polarity="merge")
+    Events(step_ms=0.5, polarity='merge')
+    """
+
+    public = "Events"
+    step_ms: float = Field(default=1.0, gt=0)
+    """Time step of the spikes. Events of an afferent within one step are one spike."""
+    time_unit: Unit | None = Field(default=None, json_schema_extra=chosen("of the file, else s; us for x, y, t, p"))
+    """Unit of the times. That of the file is in a name, as in `time_us`."""
+    origin: Literal["zero", "first"] = "zero"
+    """Start of a trial: time zero, or its first event."""
+    duration_ms: float | None = Field(default=None, gt=0, json_schema_extra=chosen("up to the last event"))
+    """Length of every trial. Later events are dropped."""
+    polarity: Literal["separate", "merge", "on", "off"] = "separate"
+    """One population per polarity, one for both (merge), or one polarity only."""
+    polarities: Names = Field(default=(), json_schema_extra=chosen("OFF,ON"))
+    """Names of the polarities, from the lowest value."""
+    channels: Names = ()
+    """Names of the channels, from channel 0."""
+    n_channels: int | None = Field(
+        default=None, ge=1, le=MOST_AFFERENTS, json_schema_extra=chosen("up to the last event's")
+    )
+    """Number of channels. Those without events count, too."""
+    sensor: str | None = Field(default=None, pattern=r"^[1-9]\d{0,4}x[1-9]\d{0,4}$")
+    """Size of the grid of x, y, t, p events, as in 34x34. Up to the last with an event when absent."""
+    merge_events: bool = False
+    """Accept that more than 1 % of the events become one spike with another of their channel and step."""
+
+    @field_validator("polarities", "channels")
+    @classmethod
+    def _each_once(cls, names: tuple[str, ...]) -> tuple[str, ...]:
+        twice = [name for name in names if names.count(name) > 1]
+        if twice:
+            raise ValueError(f"{twice[0]!r} is there twice; give each its own name")
+        return names
