@@ -109,7 +109,7 @@ def _xylo(chain: Asked) -> Iterator[Finding]:
     fan_out = math.ceil(sum([*there.values()][1:]) / spec.hidden) if there else fan_out
     yield _at_most("fan-out of a hidden neuron, on average", fan_out, 32, "prune the recurrent weights")
     yield from _front_end(chain, "on a microcontroller next to the chip: the first half of the C export")
-    yield _exit(chain.rule, "the microcontroller that reads the output spikes counts them and resets the chip")
+    yield from _exit(chain.rule, "the microcontroller that reads the output spikes counts them and resets the chip")
 
 
 def _loihi(chain: Asked) -> Iterator[Finding]:
@@ -143,7 +143,9 @@ def _loihi(chain: Asked) -> Iterator[Finding]:
     yield from _weights(network, 8)
     yield from _refractory(chain, 64)
     yield from _front_end(chain, "SA-I and RA-I as Loihi neurons with graded input, or on the embedded processor")
-    yield _exit(chain.rule, "a counter on the embedded processor, which also ends the run; it reads spikes every step")
+    yield from _exit(
+        chain.rule, "a counter on the embedded processor, which also ends the run; it reads spikes every step"
+    )
 
 
 def _spinnaker(chain: Asked) -> Iterator[Finding]:
@@ -234,8 +236,11 @@ def _front_end(chain: Asked, cost: str) -> Iterator[Finding]:
         yield Finding("conditioning and afferents", "analog signals", "spikes", False, cost)
 
 
-def _exit(rule: "exit_rule.ExitRule", cost: str) -> Finding:
-    return Finding("early exit", _exit_words(rule), "whole windows", rule.never, cost)
+def _exit(rule: "exit_rule.ExitRule", cost: str) -> Iterator[Finding]:
+    yield Finding("early exit", _exit_words(rule), "whole windows", rule.never, cost)
+    if rule.least_lead:
+        lead = f"a lead of {rule.least_lead:.4g} at least"
+        yield Finding("none of these", lead, "the largest count or value", False, "a comparison where it is read")
 
 
 def _exit_words(rule: "exit_rule.ExitRule") -> str:

@@ -76,8 +76,8 @@ def _of_events(restored: run_folder.Restored, recordings: object) -> Recorded:
 
 def _labels(restored: run_folder.Restored, trials: SpikeTrains | Recordings, chosen: np.ndarray) -> np.ndarray:
     """The classes of some trials, as indices into those of the network, or their numbers `(trial, target)`."""
-    if restored.task.target:
-        return numbers.of_trials(trials.conditions, restored.task.target)[chosen]
+    if restored.task.numbers:
+        return numbers.of_trials(trials.conditions, restored.task.numbers)[chosen]
     return np.array([restored.classes.index(trials.classes[label]) for label in trials.labels[chosen]], np.int64)
 
 

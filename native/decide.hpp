@@ -39,8 +39,11 @@ struct Leader {
         standing = same ? standing + 1 : 1;
         standing_since_spike = same && heard ? standing_since_spike + 1 : heard;
     }
+    // The decision: the leading class, or the number of classes for none of them.
+    NT_INLINE int64_t told(const ExitRule& rule) const {
+        return rule.least_lead > 0 && lead() < rule.least_lead ? classes : index;
+    }
     NT_INLINE bool exits(const ExitRule& rule) const {
-        if (rule.margin > 0) return (heard || !rule.from_first_spike) && lead() >= rule.margin;
         return rule.patience >= 0 && (rule.from_first_spike ? standing_since_spike : standing) > rule.patience;
     }
 };

@@ -121,12 +121,12 @@ constexpr int kAdaptingReadout = 16, kRarePitch = 32;
 // dynamics of every neuron's own.
 Layout layout_of(const Sizes& sizes, const Neuron& neuron, bool is_double, bool adapts, bool wants_more);
 
-// Exit when the leading class has stood for more than `patience` steps or, where `margin` is positive, when it leads by
-// as much. Negative: never.
+// Exit when the leading class has stood for more than `patience` steps; negative: never. Of a smaller lead than
+// `least_lead`, a stream decides that it is none of the classes.
 struct ExitRule {
     int64_t patience;
     bool from_first_spike;
-    double margin;
+    double least_lead = 0;
 };
 
 // A row a trial; see neurotact/networks/definition/network.py, Inference.

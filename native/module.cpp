@@ -164,7 +164,7 @@ void add_network(nb::module_& m) {
           "g_w_rec"_a, "g_w_out"_a, "g_spikes"_a, "g_dynamics"_a, "threads"_a);
     m.def("infer",
           [](const Shape& shape, NT_WINDOW, NT_SPIKES, NT_PARAMETERS, Address bias, int64_t patience,
-             bool from_first_spike, double margin, Address labels, Address steps_run, Address input_spikes, Address hidden_spikes,
+             bool from_first_spike, Address labels, Address steps_run, Address input_spikes, Address hidden_spikes,
              Address counts, Address sums, int threads) {
               nb::gil_scoped_release release;
               const SpikesIn in{at<const void>(spikes), SpikesIn::Kind(spike_kind), trial_stride, time_stride};
@@ -174,13 +174,13 @@ void add_network(nb::module_& m) {
               return with_real(shape, [&](auto real) {
                   using T = decltype(real);
                   const Net<T> net = make_net<T>(shape, trials, steps, in, of, bias, threads);
-                  if (shape.layout.small && shape.sizes.hidden > 0 && patience < 0 && !(margin > 0))
+                  if (shape.layout.small && shape.sizes.hidden > 0 && patience < 0)
                       return kernels<T>().small_infer(net, shape.layout, to);
-                  return kernels<T>().infer(net, {patience, from_first_spike, margin}, to);
+                  return kernels<T>().infer(net, {patience, from_first_spike}, to);
               });
           },
           NT_WINDOW_NAMES, NT_SPIKES_NAMES, NT_PARAMETERS_NAMES, "bias"_a, "patience"_a, "from_first_spike"_a,
-          "margin"_a, "labels"_a, "steps_run"_a, "input_spikes"_a, "hidden_spikes"_a, "counts"_a, "sums"_a, "threads"_a);
+          "labels"_a, "steps_run"_a, "input_spikes"_a, "hidden_spikes"_a, "counts"_a, "sums"_a, "threads"_a);
 }
 
 template <class T>
@@ -482,7 +482,7 @@ void add_stream(nb::module_& m) {
                 const std::vector<float>& sa_gains, const std::vector<float>& ra_gains,
                 const std::vector<int32_t>& numbers, double decay, double v_rest, double v_reset, double v_threshold, int sa_silent,
                 int ra_silent, int64_t length, int64_t start, int64_t hop, int64_t quiet, int64_t bin, int at_once,
-                int64_t patience, bool from_first_spike, double margin, NT_PARAMETERS, Address bias, int64_t most_samples,
+                int64_t patience, bool from_first_spike, double least_lead, NT_PARAMETERS, Address bias, int64_t most_samples,
                 int64_t most_decisions, Address fans) {
                  const int n_slow = int(sa_gains.size()), n_rapid = int(ra_gains.size());
                  const int64_t places = int64_t(n_slow + n_rapid) * taxels, none = std::count(numbers.begin(), numbers.end(), -1);
@@ -497,7 +497,7 @@ void add_stream(nb::module_& m) {
                                        float(base_new), float(base_kept), nullptr, nullptr, float(decay),
                                        float(v_rest), float(v_reset), float(v_threshold), sa_silent, ra_silent,
                                        nullptr, n_slow, n_rapid, nullptr, length, start, hop, quiet, bin, at_once,
-                                       {patience, from_first_spike, margin}, {}};
+                                       {patience, from_first_spike, least_lead}, {}};
                  new (self) Stream(plan, gains, numbers, shape, {w_in, w_rec, w_out, alpha, beta, threshold}, bias, offset, scale,
                                    fans, most_samples, most_decisions);
              },
@@ -505,7 +505,7 @@ void add_stream(nb::module_& m) {
              "samples_per_step"_a, "baseline"_a, "start_steps"_a, "base_new"_a, "base_kept"_a, "offset"_a, "scale"_a,
              "rectify"_a, "sa_gains"_a, "ra_gains"_a, "numbers"_a = std::vector<int32_t>{}, "decay"_a, "v_rest"_a, "v_reset"_a, "v_threshold"_a, "sa_silent"_a,
              "ra_silent"_a, "length"_a, "start"_a, "hop"_a, "quiet"_a, "bin"_a, "at_once"_a, "patience"_a,
-             "from_first_spike"_a, "margin"_a, NT_PARAMETERS_NAMES, "bias"_a, "most_samples"_a, "most_decisions"_a,
+             "from_first_spike"_a, "least_lead"_a, NT_PARAMETERS_NAMES, "bias"_a, "most_samples"_a, "most_decisions"_a,
              "fans"_a = Address(0))
         .def("push",
              [](Stream& self, const Samples& samples, bool held) {

@@ -215,7 +215,7 @@ struct Streaming {
             window.numbers[4] += n_sent;
             if (is_over || (is_due && window.leader.exits(plan.rule))) {
                 const int64_t* n = window.numbers;
-                to[n_decided++] = {n[0], n[1], n[2], window.leader.index, n[3], n[4], n[5], window.leader.heard, n[6]};
+                to[n_decided++] = {n[0], n[1], n[2], window.leader.told(plan.rule), n[3], n[4], n[5], window.leader.heard, n[6]};
             } else {
                 std::swap(order[left++], order[i]);
             }

@@ -156,7 +156,7 @@ def learn(
         raise InputError(f"{folder}: is the run that is to learn; choose another folder")
     with files.locked(folder):
         resumable.check_place(folder, force=force)
-        restored = run_folder.restore(source, spikes=spikes)
+        restored = run_folder.restore(source, spikes=spikes).of_classes("learning a class")
         network = _sum_of(restored)
         felt = _felt(restored, hdf5.load_spikes(touched), str(touched))
         classes = sorted(set(felt.classes) - set(restored.classes))

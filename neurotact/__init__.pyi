@@ -56,6 +56,7 @@ from .api.tools import learn as learn
 from .api.tools import live as live
 from .api.tools import plot_survival as plot_survival
 from .api.tools import read_nwb as read_nwb
+from .api.tools import refuse as refuse
 from .api.tools import save_energy as save_energy
 from .api.tools import stream as stream
 from .api.tools import to_neo as to_neo

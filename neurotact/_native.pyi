@@ -122,7 +122,6 @@ def infer(
     bias: int,
     patience: int,
     from_first_spike: bool,
-    margin: float,
     labels: int,
     steps_run: int,
     input_spikes: int,

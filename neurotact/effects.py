@@ -75,6 +75,7 @@ NEEDS = (
     _Need("test", "leave_out_each", _is_absent, "with `leave_out_each`, which selects the test trials"),
     _Need("copies", "augmentation", is_given, "without `augmentation`, which says what varies", OR_GIVE),
     # train, tune, infer
+    _Need("false_alarms_per_h", "target", _is_in(("events",)), "without `target='events'`", OR_GIVE),
     _Need("sops_weight", "objective", _is_in("accuracy-sops"), "without `objective='accuracy-sops'`", OR_GIVE),
     _Need("start_epoch", "assessor", _is_in("median-stop"), "with `assessor='none'`, which stops no trial"),
     _Need("workers", "scheduler", _is_absent, "with `scheduler`, whose cluster has the workers that have joined it"),

@@ -7,6 +7,7 @@ from __future__ import annotations
 
 import logging
 from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import replace
 from pathlib import Path
 from typing import Any, Literal, NamedTuple
 
@@ -16,6 +17,7 @@ from neurotact_parts.readers.clock.trials import Read, mended, recordings_of
 from neurotact_parts.readers.doubts import kinds_of_names
 from pydantic import model_validator
 
+from neurotact.data import marks
 from neurotact.data.readers.clock.units import UNIT_S, Unit, is_time_of_day, seconds_of, without_unit
 from neurotact.data.readers.columns import (
     CHOICE,
@@ -57,6 +59,8 @@ log = logging.getLogger("neurotact")
 SEGMENT = "segment"
 """The condition that numbers the segments of a continuous recording."""
 FEATURES = "if each row is a touch of its own (features, without time), there is no signal: give a row per sample"
+WHOLE = "recording"
+"""The class of a continuous recording that is kept whole."""
 SHORT = 5
 """Rows of a stretch below which it is hardly a touch."""
 FAULTS = 0.5
@@ -78,6 +82,8 @@ class _TableSpec(ColumnsSpec):
     """Whether each stretch of samples of one class is a trial: a continuous recording with a class for each sample."""
     annotations: str | None = None
     """A CSV file that says when each touch of a continuous recording begins and ends, and its class."""
+    keep_whole: bool = False
+    """Whether a continuous recording is one trial, whose marks say when each of its touches is."""
     where: Where = {}
     """Conditions of the trials to read, such as `{ speed = 300 }`."""
     leave_out: LeaveOut = {}
@@ -87,6 +93,8 @@ class _TableSpec(ColumnsSpec):
     def _has_one_source_of_trials(self) -> _TableSpec:
         if self.annotations is not None and (self.segments or self.trial):
             raise ValueError("`annotations` says where trials begin and end; leave out `segments` and `trial`")
+        if self.keep_whole and not self.is_continuous:
+            raise ValueError("`keep_whole` needs touches that are told apart; give `segments` or `annotations`")
         return self
 
     @property
@@ -162,6 +170,7 @@ def read(
         columns = {name: _with_gaps(table, name, values, roles) for name, values in columns.items()}
     trials = _find_trials(columns, roles, clock, layout, sampling_rate_Hz, table)
     _check_time(trials, layout, clock, path)
+    touches, trials = trials, _whole(columns, roles) if layout.keep_whole else trials
     taxels, conditions = _parted(columns, roles, trials, table)
     cut = [*_cut(columns, roles._replace(taxels=taxels), trials, clock, layout, table)]
     trial_of, kept = mended(cut, layout.missing, str(path))
@@ -169,6 +178,9 @@ def read(
         trial_of, conditions.iloc[kept].reset_index(drop=True), sampling_rate_Hz, unit,
         max_gap_ms=layout.max_gap_ms, drop_repeats=layout.drop_repeats, source=f"table {path.name}", where=str(path),
     )  # fmt: skip
+    if layout.keep_whole:
+        kept_trials = trials.chosen(np.isin(np.arange(len(trials.begin)), kept))
+        return replace(read, marks=_marks(touches, kept_trials, clock, read))
     choice = TrialChoice(layout.where, layout.leave_out).with_label(roles.label)
     return chosen_trials(read, choice.beyond(layout.chosen_by(trials.conditions)), str(path))
 
@@ -382,6 +394,26 @@ def _check_time(trials: _Trials, spec: _TableSpec, clock: Clock, path: Path) -> 
         log.warning("%s: most stretches of a class have fewer than %d rows; %s", path, SHORT, FEATURES)
 
 
+def _whole(columns: Mapping[str, np.ndarray], roles: _Roles) -> _Trials:
+    """The continuous recordings: all rows, or those with the same values in the columns that tell recordings apart."""
+    columns = {**columns, WHOLE: np.full(len(next(iter(columns.values()))), WHOLE)}
+    begin, end, _ = _stretches(columns, (*roles.trial, WHOLE))
+    names = [f"the recording from row {row + 1}" for row in begin]
+    return _Trials(begin, end, names, _conditions(columns, roles._replace(label=WHOLE), begin))
+
+
+def _marks(touches: _Trials, trials: _Trials, clock: Clock, read: Recordings) -> pd.DataFrame:
+    """The marks of whole recordings. A touch that ends where rows go on ends at the time of the next row."""
+    rows: list[tuple[int, float, float, str]] = []
+    for trial, (first, after) in enumerate(zip(trials.begin, trials.end, strict=True)):
+        time, n = np.arange(after - first) if clock.time is None else clock.time[first:after], read.lengths[trial]
+        time_s = np.append((time - time[0]) / (time[-1] - time[0]) * (n - 1), n) / read.sampling_rate_Hz
+        for begin, end, label in zip(touches.begin, touches.end, touches.conditions[LABEL], strict=True):
+            if first <= begin < after:
+                rows.append((trial, *time_s[[begin - first, min(end, after) - first]].tolist(), label))
+    return pd.DataFrame(rows, columns=marks.COLUMNS)
+
+
 # --- annotations ------------------------------------------------------------------------------------
 
 
@@ -424,7 +456,7 @@ class _Annotations(NamedTuple):
 
 def _annotated(clock: Clock, n_rows: int, spec: _TableSpec, rate_Hz: float | None, table: Table) -> _Trials:
     """The trials that the table of annotations names; times without stamps are seconds from the first sample."""
-    marks = _read_annotations(existing(spec.annotations or ""), spec.label, spec.decimal)
+    annotated = _read_annotations(existing(spec.annotations or ""), spec.label, spec.decimal)
     time, unit = clock
     if time is None:
         assert rate_Hz is not None
@@ -435,16 +467,16 @@ def _annotated(clock: Clock, n_rows: int, spec: _TableSpec, rate_Hz: float | Non
             f"{table.path}: line {back[0] + 1 + table.first_line} is earlier than the line before it; annotations need "
             "one continuous recording"
         )
-    begin, end = marks.on(row_times(time), unit, table.path)
+    begin, end = annotated.on(row_times(time), unit, table.path)
     order = np.argsort(begin, kind="stable")
     shared = int((begin[order][1:] < end[order][:-1]).sum())
     if shared:
         log.warning(
             "%s: annotations that begin before another one ends: %d; training and test trials may share their samples",
-            marks.path, shared,
+            annotated.path, shared,
         )  # fmt: skip
-    names = [f"the touch of {marks.path.name}, line {row + marks.first_line}" for row in range(len(begin))]
-    return _Trials(begin, end, names, marks.conditions)
+    names = [f"the touch of {annotated.path.name}, line {row + annotated.first_line}" for row in range(len(begin))]
+    return _Trials(begin, end, names, annotated.conditions)
 
 
 def _read_annotations(path: Path, label: str | None = None, decimal: Literal[".", ","] = ".") -> _Annotations:

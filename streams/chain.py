@@ -14,7 +14,7 @@ from neurotact_parts.streams.windows import WindowPlan
 from neurotact import plugins
 from neurotact.data.conditioning import conditioned_length
 from neurotact.data.recordings import check_sampling_rate
-from neurotact.data.windows import WindowSpec
+from neurotact.data.windows import LONGEST_STEPS, WindowSpec
 from neurotact.encoders.afferents import AfferentSpec
 from neurotact.encoders.model import EncoderSpec, name_in, of_name
 from neurotact.encoders.specs import (
@@ -30,6 +30,7 @@ from neurotact.errors import InputError
 from neurotact.networks.definition.executors import LIF_INSTEAD, Subject, require
 from neurotact.networks.definition.rsnn import RSNN, rsnn_of
 from neurotact.networks.exit.rule import FULL_WINDOW, ExitRule
+from neurotact.networks.training.events import DetectorSpec
 from neurotact.networks.training.run_folder import Restored
 from neurotact.networks.use import fitted
 from neurotact.networks.use.fitted import Fitted
@@ -42,6 +43,8 @@ LARGEST_FACTOR = 1e6
 MOST_SAMPLES_A_STEP = 1_000_000
 """Samples for each step of the encoder's clock; more are a wrong rate, of which a counter would overflow."""
 
+WITHOUT_END = WindowPlan(LONGEST_STEPS, 0, LONGEST_STEPS)
+"""Of a detector."""
 PASSING = AfferentSpec.model_validate({
     "v_rest_mV": 0, "v_reset_mV": 0, "v_threshold_mV": 0.5, "tau_mem_ms": 1e-9,
     "sa1": {"gain": 1, "t_ref_ms": 0}, "ra1": {"gain": 1, "t_ref_ms": 0, "taxels": []},
@@ -55,6 +58,7 @@ class Chain(NamedTuple):
     sampling_rate_Hz: of the input samples; equals the network's clock unless the encoder resamples.
     taxels: their names in the order of the network's training; None if unknown. Of events, the names of the afferents.
     takes_events: whether the network takes the events of a sensor; the encoder is then `PASSING`, and no part of it.
+    detector: when an event begins, of a network that runs on without windows; None for windows.
     """
 
     encoder: EncoderSpec
@@ -66,6 +70,7 @@ class Chain(NamedTuple):
     taxels: tuple[str, ...] | None = None
     takes_events: bool = False
     tells_numbers: bool = False
+    detector: DetectorSpec | None = None
 
     @property
     def clock_Hz(self) -> float:  # noqa: N802
@@ -100,7 +105,7 @@ class Chain(NamedTuple):
     @property
     def subject(self) -> Subject:
         """What the table of executors judges."""
-        return Subject(None if self.takes_events else self.encoder, self.network, self.rule)
+        return Subject(None if self.takes_events else self.encoder, self.network, self.rule, self.detector is not None)
 
 
 @takes_specs
@@ -114,12 +119,13 @@ def chain_of(source: Fitted | Restored | tuple[EncoderSpec, RSNN], streamed: Str
     rule, classes, trained, tells_numbers = FULL_WINDOW, None, WindowSpec(), False
     sampling_rate_Hz, recorded_Hz = streamed.sampling_rate_Hz, None
     taxels: tuple[str, ...] | None = None
+    detector = None
     if isinstance(source, Restored) or not isinstance(source, tuple):
         restored = cast(Restored, source) if isinstance(source, Restored) else fitted.restore(source)
-        encoder, classes, tells_numbers = front_of(restored), restored.classes, bool(restored.task.target)
+        encoder, classes, tells_numbers = front_of(restored), restored.classes, bool(restored.task.numbers)
         network = rsnn_of("stream", restored.network)
         rule = restored.exits(not streamed.full_window)
-        recorded_Hz, trained = restored.recorded_Hz, restored.task.window
+        recorded_Hz, trained, detector = restored.recorded_Hz, restored.task.window, restored.detector
         if encoder is None:
             taxels = restored.afferents
         elif restored.afferents is not None:
@@ -131,13 +137,15 @@ def chain_of(source: Fitted | Restored | tuple[EncoderSpec, RSNN], streamed: Str
     takes_events, encoder = encoder is None, encoder or PASSING
     _check_taxels(encoder, network)
     clock_Hz = network.sampling_rate_Hz
-    windows = WindowPlan.of(clock_Hz, streamed, trained)
+    if detector is not None and (given := streamed.given().keys() - {"sampling_rate_Hz"}):
+        raise InputError(f"`{min(given)}`: a detector runs on without windows; leave it out")
+    windows = WindowPlan.of(clock_Hz, streamed, trained) if detector is None else WITHOUT_END
     if sampling_rate_Hz is None and encoder.conditioning.resample_Hz is not None:
         sampling_rate_Hz = recorded_Hz
     rate_Hz = _input_rate(encoder, clock_Hz, sampling_rate_Hz)
     _check_range(encoder, conditioning_of(encoder, rate_Hz).clock_Hz(rate_Hz))
     classes = classes or tuple(str(index) for index in range(network.n_classes))
-    return Chain(encoder, network.cpu(), rule, classes, windows, rate_Hz, taxels, takes_events, tells_numbers)
+    return Chain(encoder, network.cpu(), rule, classes, windows, rate_Hz, taxels, takes_events, tells_numbers, detector)
 
 
 def front_of(restored: Restored) -> EncoderSpec | None:

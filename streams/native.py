@@ -126,7 +126,7 @@ class CompiledStream:
             decay=sa1.decay, v_rest=sa1.v_rest_mV, v_reset=sa1.v_reset_mV, v_threshold=sa1.v_threshold_mV,
             sa_silent=sa1.refractory_steps, ra_silent=ra1.refractory_steps, length=plan.length, start=plan.start,
             hop=plan.hop, quiet=plan.quiet, bin=network.steps_per_bin, at_once=plan.at_once,
-            **networks.exits_at(chain.rule.in_bins(network.steps_per_bin)),
+            **networks.exits_at(chain.rule.in_bins(network.steps_per_bin)), least_lead=chain.rule.least_lead,
             **networks.addresses_of(network, readout_weights), **numbers,
             bias=0 if bias is None else bias.ctypes.data, most_samples=most_samples,
             most_decisions=self._most_steps + plan.at_once + 1, **({} if fans is None else {"fans": fans.ctypes.data}),

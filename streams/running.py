@@ -4,10 +4,12 @@ from typing import NamedTuple
 
 import numpy as np
 import torch
+from neurotact_parts.streams.detector import Standing
 from torch import Tensor
 
 from neurotact.networks.definition.rsnn import RSNN
 from neurotact.networks.exit.rule import ExitRule, Leader
+from neurotact.networks.training.events import DetectorSpec
 from neurotact.neurons import CubaLIFState, cuba_lif_start, cuba_lif_step, recurrent_spikes, transmitted_spikes
 
 
@@ -17,6 +19,7 @@ class Running(NamedTuple):
     window: its number. start: its first step. readout: None for an integrator.
     waiting: afferents that have spiked since the network's last step, `(afferent,)` bool.
     sops: operations so far, of a pruned network; else 0.
+    current, leading, led: of a detector, `detector.Standing`; since: its steps before the label in force.
     """
 
     window: int
@@ -30,6 +33,10 @@ class Running(NamedTuple):
     hidden_spikes: int = 0
     held: int = 0
     sops: int = 0
+    current: int = 0
+    leading: int = -1
+    led: int = 0
+    since: int = 0
 
 
 def begin(network: RSNN, window: int, start: int) -> Running:
@@ -53,6 +60,22 @@ def step(
     n_new = int(waiting.sum() - state.waiting.sum())
     state = state._replace(steps=state.steps + 1, waiting=waiting, input_spikes=state.input_spikes + n_new)
     return _computed(network, state, fans) if is_due(network, state, length) else state
+
+
+def detect(network: RSNN, state: Running, rule: DetectorSpec) -> tuple[Running, bool]:
+    """The state after a step with what a detector hears in it, and whether another label comes into force.
+
+    Spikes, operations and repeated values are then counted from here on; the network runs on.
+    """
+    if state.steps % network.steps_per_bin:
+        return state, False
+    standing = Standing(state.current, state.leading, state.led).after(state.leader.counts[0].numpy(), rule)
+    return state._replace(**standing._asdict()), standing.current != state.current
+
+
+def counted_anew(state: Running) -> Running:
+    """The state of a detector after it has told of a label."""
+    return state._replace(since=state.steps, input_spikes=0, hidden_spikes=0, held=0, sops=0)
 
 
 def fans_of(network: RSNN) -> tuple[np.ndarray, np.ndarray] | None:

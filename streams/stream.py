@@ -111,10 +111,11 @@ class Stream:
         costs = synops.of_network(self.chain.network, np.array([1, 0]), np.array([0, 1])).total
         self._sops, self._fans = tuple(int(cost) for cost in costs), running.fans_of(self.chain.network)
         self._rates_Hz = rate_Hz, self.chain.clock_Hz
-        self._classes = self.chain.classes
+        self._classes = (*self.chain.classes, synops.REFUSED)
         self._compiled: CompiledStream | None = None
         is_plain = isinstance(encoder, AfferentSpec) and encoder.is_plain
         is_fit = is_plain and not is_exact(encoder) and not self.chain.tells_numbers
+        is_fit = is_fit and self.chain.detector is None
         compilable = self.chain.network.w_in.device.type == "cpu" and is_fit
         if use_native(backend, compilable, "a network of classes on the CPU, and plain SA-I and RA-I on a clock"):
             self._compiled = CompiledStream(self._used, self.conditioner, self._most_samples)
@@ -271,8 +272,7 @@ class Stream:
         if self._channels is not None:
             ended = self._end_step()
             self._copy_state()
-            self._state.tally.unfinished += len(self._state.windows)
-            self._restart()
+            self._end_windows()
             return ended
         self._copy_state()
         signal, _ = self.conditioner.finish(self._state.conditioned)
@@ -281,10 +281,15 @@ class Stream:
         if state.encoder is not None:
             rest = finish(self.chain.signal_Hz, self._used.encoder, state.encoder)
             decisions += [] if rest is None else self._decide(rest[0], held=False)
-        state.tally.unfinished += len(state.windows)
         state.bad_in_a_row = 0
-        self._restart()
+        self._end_windows()
         return decisions
+
+    def _end_windows(self) -> None:
+        """Restart after the end of a trial; a detector has no window that it cuts off."""
+        if self.chain.detector is None:
+            self._state.tally.unfinished += len(self._state.windows)
+        self._restart()
 
     def reset(self) -> None:
         """Return to the state before the first sample; the counts too."""
@@ -459,12 +464,18 @@ class Stream:
         for window in windows:
             after = running.step(chain.network, inputs, window, length, self._fans)
             after = after._replace(held=after.held + 1) if held else after
+            if chain.detector is not None:
+                after, changed = running.detect(chain.network, after, chain.detector)
+                if changed:
+                    decisions.append(self._event(after))
+                    after = running.counted_anew(after)
             if running.has_decided(chain.network, after, chain.rule, length):
                 leader = after.leader
                 decisions.append(
                     self._decision(
-                        after.window, after.start, after.steps, int(leader.index[0]), after.input_spikes,
-                        after.hidden_spikes, after.held, bool(leader.heard[0]), after.sops, readout=leader.counts[0],
+                        after.window, after.start, after.steps, int(chain.rule.told(leader.index, leader.counts)[0]),
+                        after.input_spikes, after.hidden_spikes, after.held, bool(leader.heard[0]), after.sops,
+                        readout=leader.counts[0],
                     )
                 )  # fmt: skip
             else:
@@ -477,6 +488,12 @@ class Stream:
         state.windows = tuple(still_open)
         state.tally.decisions += len(decisions)
         return decisions
+
+    def _event(self, state: running.Running) -> Decision:
+        """What a detector tells where another label comes into force: from the last one on."""
+        steps, counted = state.steps - state.since, (state.input_spikes, state.hidden_spikes, state.held)
+        number, start = self._state.tally.decisions, state.start + state.since
+        return self._decision(number, start, steps, state.current, *counted, True, state.sops)
 
     def _from_compiled(self, decided: list[Decided]) -> list[Decision]:
         """The decisions of the last compiled step, whose spikes are passed to `watch`."""
@@ -502,6 +519,6 @@ class Stream:
         decision = Decision(window, time_s, start, label, index, steps, ms, inputs, hidden, sops, held, is_heard)
         if readout is None or not self.chain.tells_numbers:
             return decision
-        values = dict(zip(self._classes, readout.tolist(), strict=True))
+        values = dict(zip(self.chain.classes, readout.tolist(), strict=True))
         text = ", ".join(f"{name} = {value:.6g}" for name, value in values.items())
         return decision._replace(label=text, index=0, values=values)

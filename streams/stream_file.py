@@ -34,9 +34,10 @@ def fingerprint(chain: Chain) -> str:
     """SHA-256 of all that gives a state its meaning: encoder, network, exit rule, windows and rates."""
     table = {
         "encoder": chain.encoder.model_dump(mode="json"), "network": chain.network.spec.model_dump(mode="json"),
-        "rule": asdict(chain.rule),
+        "rule": {key: value for key, value in asdict(chain.rule).items() if key != "least_lead" or value},
         "windows": asdict(chain.windows), "classes": chain.classes,
         "rates": [chain.sampling_rate_Hz, chain.clock_Hz], **({"takes_events": True} if chain.takes_events else {}),
+        **({} if chain.detector is None else {"detector": chain.detector.model_dump()}),
     }  # fmt: skip
     digest = hashlib.sha256(json.dumps(table, sort_keys=True).encode())
     for name, tensor in sorted(chain.network.state_dict().items()):

@@ -15,7 +15,8 @@ class Decision(NamedTuple):
 
     window: number of the window in the stream. time_s: time of the decision, from the first sample on.
     start_step: the window's first step on the encoder's clock, since the start of the stream or its last gap.
-    label, index: the class. steps: number of simulated steps. ms: the same in time.
+    label, index: the class; `none` and the number of classes for none of them (`ExitRule.told`).
+    steps: number of simulated steps. ms: the same in time.
     input_spikes, hidden_spikes: in those steps. sops: synaptic operations in them, in total.
     held: number of steps that use repeated values, because their own were missing or not finite.
     heard: whether the readout changed; if not, the class was chosen by its index alone.

@@ -132,7 +132,7 @@ def test_links_within_the_pages_lead_somewhere(page, site):
 
 
 def test_every_page_is_in_the_navigation_of_the_site():
-    listed = [line for token in tokens_of(ROOT / "docs" / "index.md") if token.type == "fence"
+    listed = [line for token in tokens_of(ROOT / "docs" / "index.md") if token.info == "{toctree}"
               for line in token.content.splitlines() if line and not line.startswith(":")]  # fmt: skip
     docs = ROOT / "docs"
     pages = {str(path.relative_to(docs).with_suffix("")) for path in docs.rglob("*.md")}
@@ -146,7 +146,7 @@ def groups() -> dict[str, list[Path]]:
     """The pages of each group of the navigation."""
     found = {}
     for token in tokens_of(ROOT / "docs" / "index.md"):
-        if token.type == "fence":
+        if token.info == "{toctree}":
             caption, *listed = [line for line in token.content.splitlines() if line and line != ":hidden:"]
             paths = [ROOT / "docs" / f"{name}.md" for name in listed]
             found[caption.removeprefix(":caption: ")] = [path for path in paths if path.is_file()]

@@ -9,8 +9,9 @@ from typer.main import get_command
 
 import neurotact as nt
 from neurotact import cli
+from neurotact.cli import commands as root
 from neurotact.cli.commands import app
-from neurotact.cli.help import EXAMPLES, GROUPS
+from neurotact.cli.help import EXAMPLES, GROUPS, TASKS
 from neurotact.encoders import specs
 from neurotact.studies import automatic
 
@@ -51,6 +52,18 @@ def test_a_help_ends_with_its_example_and_has_groups_where_options_are_many(caps
     assert places == sorted(places)
     assert said.index("--window-ms") > said.index("\nWindows:")
     assert "Windows:" not in printed(capsys, monkeypatch, "stream", "--help")
+
+
+def test_the_help_of_the_program_has_each_command_once_by_task_with_study_first(capsys, monkeypatch):
+    said = printed(capsys, monkeypatch, "--help")
+    places = []
+    for task, names in TASKS.items():
+        begin = said.index(f"\n{task}:\n")
+        places += [begin, *(said.index(f"\n  {name} ", begin) for name in names.split())]
+    assert places == sorted(places)
+    assert [name for names in TASKS.values() for name in names.split()] == [*root.COMMANDS]
+    assert next(iter(root.COMMANDS)) == "study"
+    assert "\nCommands:\n" in printed(capsys, monkeypatch, "study", "--help")
 
 
 def test_the_help_of_calibrate_says_which_membranes_own_recordings_has(capsys, monkeypatch):

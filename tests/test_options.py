@@ -204,6 +204,7 @@ WAYS = {
         ),
         Way("import table in/continuous.csv --unit mV --segments -o a.h5", {"--columns": "--columns p1"}),
         Way("import table in/continuous.csv --unit mV -o a.h5", {"--segments": "--segments"}),
+        Way("import table in/continuous.csv --unit mV --segments -o a.h5", {"--keep-whole": "--keep-whole"}),
         Way("import table in/unlabelled.csv --unit mV -o a.h5", {"--annotations": "--annotations in/annotations.csv"}),
         Way(
             "import table in/unlabelled.csv --unit mV --annotations in/annotations.csv -o a.h5",
@@ -387,6 +388,7 @@ WAYS = {
                 "--network": "--network snn",
                 "--leave-out-each": "--leave-out-each speed",
                 "--repeats": "--repeats 2",
+                "--refuse": "--refuse 0.5",
                 "--seed": "--seed 4",
                 "--force": TWICE,
                 "--resume": TWICE,
@@ -397,6 +399,7 @@ WAYS = {
                 "--augmentation": "tests/networks/test_model_selection.py",
                 "--balance": "tests/networks/test_balancing.py",
                 "--target": "tests/networks/test_numbers.py",
+                "--false-alarms-per-h": "tests/stream/test_detector.py",
             },
             is_slow=True,
         )
@@ -697,7 +700,10 @@ WAYS = {
 }
 SAME = {
     **dict.fromkeys(
-        (f"simulate {name}" for name in ("stiffness", "touch-modality", "contact-materials", "compliance")),
+        (
+            f"simulate {name}"
+            for name in ("stiffness", "touch-modality", "contact-materials", "compliance", "gratings-slips")
+        ),
         "simulate gratings",
     ),
     **dict.fromkeys((f"import {name}" for name in ("fabricslide", "pvdf-hardness", "touch-modality")), "encode"),
@@ -926,6 +932,7 @@ ELSEWHERE = {
         for key in (*WINDOW, *SPLIT)), HERE),
     "windows.window.onset.bin_ms": "tests/data/test_contact.py",
     **dict.fromkeys((f"{name}.{key}" for name in ("read_raster", "read_table") for key in LAYOUT), HERE),
+    "refuse.share": "tests/export/test_refusal.py",
     "tune.search.first": "tests/networks/test_tuning.py",
     "to_snntorch.time_first": FITTED,
     **dict.fromkeys(("save.force", "save_network.force"), API),

@@ -1,4 +1,4 @@
-"""Settings of the site that `make docs` builds: the pages of docs/, the README, and references from the program.
+"""Settings of the site that `make docs` builds: the pages of docs/, and references from the program.
 
 Sphinx reads this file. The pages are plain Markdown that a code host shows too; what only the site has (navigation,
 pages that the program writes) is made here and in the modules beside this one.

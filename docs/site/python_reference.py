@@ -58,7 +58,7 @@ SUBJECTS = {
     "decisions": Subject(
         "Decisions and their cost",
         "Classes, times in steps and ms, and synaptic operations (SOPs), one row per window.",
-        "infer summarise sops",
+        "infer refuse summarise sops",
     ),
     "deployment": Subject(
         "Streams, devices and exchange",
@@ -70,7 +70,7 @@ SUBJECTS = {
     "studies": Subject(
         "Studies",
         "Many networks from one TOML file, over processes and machines, with a report that says what came out.",
-        "run_study resume_study report_study study_answer",
+        "run_study resume_study report_study study_answer bundle_study",
     ),
     "baselines": Subject(
         "Opponents",

@@ -40,7 +40,6 @@ def negatives() -> str:
 
 
 WRITTEN: dict[str, Callable[[], str]] = {
-    "index": lambda: of_the_top("README.md"),
     "contributing": lambda: of_the_top("CONTRIBUTING.md"),
     "changelog": lambda: of_the_top("CHANGELOG.md"),
     "results/negatives": negatives,

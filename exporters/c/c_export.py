@@ -15,7 +15,7 @@ import jinja2
 import numpy as np
 from neurotact_parts.exporters.c import formats as whole
 from neurotact_parts.exporters.c.formats import Formats, Integrator
-from neurotact_parts.exporters.c.integer import CURVES
+from neurotact_parts.exporters.c.integer import CURVES, least_lead
 from neurotact_parts.exporters.c.matrices import Matrix, matrices_of
 from neurotact_parts.streams.chain import LARGEST, Chain
 from neurotact_parts.streams.events import afferents_of
@@ -27,6 +27,7 @@ from neurotact.encoders.afferents import POPULATIONS, AfferentType, marks
 from neurotact.encoders.closed_form import AT_ONCE
 from neurotact.encoders.specs import is_exact
 from neurotact.errors import InputError, some
+from neurotact.metrics.synops import REFUSED
 from neurotact.networks.definition.executors import require
 from neurotact.progress import printable
 
@@ -113,7 +114,7 @@ def context_of(chain: Chain, formats: Formats | None, name: str) -> dict[str, An
         "sampling_rate_Hz": f"{chain.sampling_rate_Hz:g}",
         "n_taxels": n_taxels, "n_afferents": network.n_inputs,
         "n_hidden": spec.hidden, "n_classes": network.n_classes,
-        "class_names": [text(name_of_class) for name_of_class in chain.classes],
+        "class_names": [text(name) for name in (*chain.classes, *([REFUSED] if chain.rule.least_lead else []))],
         "length": plan.length, "start": plan.start, "hop": plan.hop, "quiet": plan.quiet, "at_once": plan.at_once,
         "most_decisions": plan.at_once * per_sample,
         "hold": max(1, int(HOLD_MS * 1e-3 * chain.sampling_rate_Hz)), "hold_ms": f"{HOLD_MS:g}",
@@ -206,6 +207,7 @@ def _in_float(chain: Chain, kept: Mapping[str, Matrix]) -> dict[str, Any]:
         "value": "float", "sum": "double", "state": "float", "wide": "float",
         "largest": f"{LARGEST:g}", "largest_bits": f"0x{int(np.float32(LARGEST).view(np.uint32)):08x}",
         "count": "double" if network.bias is not None else _count(chain),
+        "lead": "double", "least_lead": float(chain.rule.least_lead).hex() if chain.rule.least_lead else None,
         "readout_leak": float(integration.decay).hex() if integration is not None and integration.leaks else None,
         "peak": integration is not None and integration.peak,
         **(_closed_form(chain) if exact else _on_a_clock(chain)),
@@ -315,6 +317,7 @@ def _in_integers(chain: Chain, formats: Formats, kept: Mapping[str, Matrix]) -> 
         "value": "int32_t", "membrane": "int32_t", "sum": "int64_t", "wide": "int32_t",
         "state": "int16_t" if formats.state_bits <= 16 else "int32_t",
         "count": "int32_t" if isinstance(readout, Integrator) else _count(chain),
+        "lead": "int64_t", "least_lead": least_lead(readout, chain.rule) if chain.rule.least_lead else None,
         "readout_leak": None, "peak": False,
         "silent_type": "uint32_t" if front.closed else unsigned(max(kind.silent for kind in front.kinds) + 1),
         "closed": front.closed, "octave": whole.OCTAVE, "tick": whole.TICK, "piece": whole.PIECE,

@@ -19,6 +19,7 @@ with lazily():
     from neurotact_parts.exporters.c import c_export, fine_tuning, formats, proving
     from neurotact_parts.streams import chain as chains
 
+    from neurotact.networks.definition import executors
     from neurotact.networks.training import ranges as state_ranges
     from neurotact.networks.training import run_folder
     from neurotact.networks.use import fitted
@@ -114,6 +115,8 @@ def prepared(
     steps of its fine-tuning, others 8 bits.
     """
     restored = fitted.restore(run, spikes=spikes)
+    if restored.detector is not None:
+        raise executors.refusal("c-integer" if integer else "c-float", executors.IN_TIME)
     if not integer:
         return Exported(chains.chain_of(restored, streamed), None)
     is_known = restored.ranges is not None or restored.encoder != {}  # of events, spikes alone give the ranges

@@ -191,4 +191,6 @@ def _trained_on(
     # Refuse what an export refuses, before anything is saved.
     layers_of(restored, sides, weight_bits=weight_bits, state_bits=layers.hidden.state_bits, steps=steps)
     done = trainer.finished(network, training, sides, restored.task)
-    return done if restored.has_own_rule else done.with_rule(restored.rule, restored.held)
+    if restored.has_own_rule:
+        return done
+    return trainer.refusing(done.with_rule(restored.rule, restored.held), sides.validation, restored.task)

@@ -5,6 +5,7 @@ reach zero. States saturate to their bits once per step. NumPy computes in 64 bi
 formats are chosen so that nothing overflows in 32 bits in C.
 """
 
+import math
 from collections.abc import Iterator
 from typing import NamedTuple
 
@@ -268,6 +269,7 @@ def infer(
     hidden_raster = np.zeros((n_windows, n_steps, hidden.w.shape[1]), np.uint8)
     labels, steps, input_spikes, hidden_spikes, is_heard = (np.zeros(n_windows, np.int64) for _ in range(5))
     decided = Decided(labels, steps, input_spikes, hidden_spikes, is_heard, hidden_raster, counts.copy())
+    refusing = ExitRule(least_lead=least_lead(readout, rule))
     for t in range(n_steps):
         inputs = windows[:, t].astype(np.int64)
         spikes, state = _step(hidden, neuron, inputs, state)
@@ -281,12 +283,18 @@ def infer(
         decided.hidden_spikes[running] += spikes[running].sum(axis=1)
         hidden_raster[running, t] = spikes[running]
         leader = leader.after(torch.from_numpy(increments))
-        decided.labels[running], decided.heard[running] = leader.index.numpy()[running], leader.heard.numpy()[running]
+        told = refusing.told(leader.index, leader.counts)
+        decided.labels[running], decided.heard[running] = told.numpy()[running], leader.heard.numpy()[running]
         decided.readout[running] = leader.counts.numpy()[running]
         running = running & ~leader.exits(rule).numpy()
         if not running.any():
             break
     return decided
+
+
+def least_lead(readout: Integrator | Layer, rule: ExitRule) -> int:
+    """The least lead of a rule in the unit of a readout; a lead in whole units is less if and only if it is less."""
+    return math.ceil(rule.least_lead / (readout.unit if isinstance(readout, Integrator) else 1))
 
 
 class _Neurons(NamedTuple):

@@ -118,11 +118,13 @@ class Scores:
     classes: of the network. A window counts for a class only if that was the same throughout it; the same holds for
     settings. A change of either therefore contains the number of the first window with the new value.
     of_side: for each side, windows by true class and decision, `(class, class + 1)`, of which the last column is
-    "nothing"; `confusion` is their sum.
+    "nothing"; where touches are refused that are none of the classes, the column before it is these. `confusion` is
+    their sum.
     """
 
-    def __init__(self, classes: Sequence[str]) -> None:
+    def __init__(self, classes: Sequence[str], *, refuses: bool = False) -> None:
         self.classes = tuple(classes)
+        self._n_decisions = len(self.classes) + refuses + 1
         self.compared = 20
         self._label: str | None = None
         self._label_from, self._side = 0, UNSEEN
@@ -142,11 +144,11 @@ class Scores:
 
     @property
     def confusion(self) -> np.ndarray:
-        """Windows by true class and decision, on all sides, `(class, class + 1)`."""
+        """Windows by true class and decision, on all sides, as of `of_side`."""
         return sum(self.of_side.values(), self._none())
 
     def _none(self) -> np.ndarray:
-        return np.zeros((len(self.classes), len(self.classes) + 1), np.int64)
+        return np.zeros((len(self.classes), self._n_decisions), np.int64)
 
     def sides(self) -> list[dict[str, Any]]:
         """The sides with windows of known class, the least seen first: their windows, correct ones and confusion."""
@@ -189,7 +191,7 @@ class Scores:
         if version is not None:
             self._after.append(scored)
         if truth is not None:
-            column = decision.index if decision.heard else len(self.classes)
+            column = decision.index if decision.heard else -1
             self.of_side.setdefault(self._side, self._none())[truth, column] += 1
         one = {
             "decisions": 1, "ms": decision.ms, "nJ": scored.nJ, "sops": decision.sops, "hidden": decision.hidden_spikes,

@@ -8,6 +8,7 @@ import json
 import os
 import time
 from collections.abc import Callable, Sequence
+from dataclasses import replace
 from pathlib import Path
 from queue import Empty, Full, Queue
 from threading import Event
@@ -30,7 +31,6 @@ from neurotact.encoders.afferents import POPULATIONS, AfferentSpec
 from neurotact.errors import InputError, nearest
 from neurotact.files import write_text
 from neurotact.metrics.synops import UNSEEN
-from neurotact.networks.exit.rule import ExitRule
 from neurotact.spec import build, override, to_toml
 
 FRAME_S = 1 / 60
@@ -75,7 +75,8 @@ class Session:
         self._frames = FrameBuilder(chain.sampling_rate_Hz, chain.n_taxels)
         self.stream = Stream(chain, unit=feed.unit, hold_ms=hold_ms, backend=backend, watch=self._watch)
         self._start = self._settings()
-        self.scores, self.faults, self.audience = Scores(chain.classes), Faults(), Audience()
+        self.scores = Scores(chain.classes, refuses=chain.rule.least_lead > 0)
+        self.faults, self.audience = Faults(), Audience()
         self._afferent_spikes, self._hidden = np.zeros(chain.network.n_inputs, np.int64), 0
         self._requests: Queue[tuple[Mailbox, messages.Message]] = Queue(MOST_WAITING)
         self._label: str | None = None
@@ -117,6 +118,7 @@ class Session:
             "run": self.run_name,
             "source": {"kind": feed.kind, "name": feed.name, "unit": feed.unit, "taxels": feed.taxels},
             "classes": chain.classes,
+            **({"refuses": True} if chain.rule.least_lead > 0 else {}),
             "populations": [
                 {"name": name, "key": key, "afferents": its.tolist()}
                 for key, (name, its) in zip(POPULATIONS, populations.items(), strict=False)
@@ -251,7 +253,8 @@ class Session:
         encoder = build(AfferentSpec, override(chain.encoder.model_dump(mode="json"), wanted), source="live")
         rule = chain.rule
         if patience != rule.patience:
-            rule = ExitRule(None if patience is None else int(patience), from_first_spike=True)
+            patience = None if patience is None else int(patience)
+            rule = replace(rule, patience=patience, from_first_spike=True)
         self.stream = self.stream.changed(encoder=encoder, rule=rule)
         then = self._settings()
         changes = {key: (now[key], value) for key, value in then.items() if now[key] != value}

@@ -41,6 +41,8 @@ class Outside(NamedTuple):
             )
         if not rule.never:
             lines.append("early exit: the graph computes whole windows")
+        if rule.least_lead:
+            lines.append(f"none of these: refuse a class that leads by less than {rule.least_lead:.6g} at the decision")
         return lines
 
 
@@ -99,6 +101,7 @@ def of(
         lowered=lower_refractory,
         exit_patience=rule.patience,
         exit_from_first_spike=rule.from_first_spike,
+        least_lead=rule.least_lead,
         outside=tuple(outside.lines(encoder, rule)),
         encoder_outside=None if outside.encoder is None else outside.encoder.model_dump(mode="json", exclude_none=True),
         step_ms=outside.step_ms,

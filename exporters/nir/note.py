@@ -55,11 +55,13 @@ class Note(Spec):
     """Of such a graph: steps per second of the spikes that are put into bins."""
     gone = {"exit_margin": None}
     exit_from_first_spike: bool = True
+    least_lead: float = Field(default=0.0, ge=0, exclude_if=lambda lead: not lead)
+    """A class that leads by less at the decision is refused; NIR does not define it."""
     neurotact: str = __version__
 
     @property
     def rule(self) -> ExitRule:
-        return ExitRule(self.exit_patience, self.exit_from_first_spike)
+        return ExitRule(self.exit_patience, self.exit_from_first_spike, self.least_lead)
 
     def metadata(self) -> dict[str, Any]:
         """As a graph's metadata."""

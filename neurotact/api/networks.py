@@ -78,11 +78,11 @@ def train(
     where, leave_out: the trials that are used at all, as of `read`.
     augmentation: which varied copies of training trials are trained on, too, of those in the file (see `encode`); None
         takes them if there is one kind, "none" leaves them out.
-    learn: what is learned of a window: its class or, as `nt.Learn(target="force_N")`, numbers, and which windows count
-        the same: `nt.Learn(balance="classes")` weights training windows so that each class does in the loss,
-        "conditions" so that each value of the split's conditions (to test, to group by, to stratify) does within a
-        class, too. Of numbers, accuracies are scores: 1 less the squared error in units of the deviation in training;
-        and there are `rmse_NAME`, `mae_NAME` and `r2_NAME` of each target.
+    learn: what is learned of a window: its class or, as `nt.Learn(target="force_N")`, numbers, or none of the classes
+        (`nt.Learn(refuse=0.05)`), and which windows count the same: `nt.Learn(balance="classes")` weights training
+        windows so that each class does in the loss, "conditions" so that each value of the split's conditions (to test,
+        to group by, to stratify) does within a class, too. Of numbers, accuracies are scores: 1 less the squared error
+        in units of the deviation in training; and there are `rmse_NAME`, `mae_NAME` and `r2_NAME` of each target.
     exit_tolerance: validation accuracy that early exit may lose.
     seed: of the weights and of the order of windows. device: a torch device.
     resume: go on with a training that was interrupted. force: replace one that is in the folder.
@@ -96,11 +96,12 @@ def train(
     >>> 0 <= found["low"] <= found["accuracy_test"] <= found["high"] <= 1
     True
     """
-    trains, task = tasks.of_file("train", spikes, window, split, exit_tolerance, where, leave_out)
-    kind = tasks.kind_of_copies(trains, augmentation, tell)
-    task = spec.build(tasks.Task, {**task.model_dump(), "augmentation": kind, **learn.model_dump()}, source="train")
-    path, spikes = Path(folder), Path(spikes)
     what, given = spec.resolve(RSNNSpec, network, settings), given_keys(network, settings)
+    trains, task = tasks.of_file("train", spikes, window, split, exit_tolerance, where, leave_out, learn, what)
+    kind = tasks.kind_of_copies(trains, augmentation, tell)
+    task = spec.build(tasks.Task, {**task.model_dump(), "augmentation": kind}, source="train")
+    tasks.check_refuse(trains, task)
+    path, spikes = Path(folder), Path(spikes)
     native.device_of(device)
     options = {"given": given, "seed": seed, "device": device, "force": force, "resume": resume, "tell": tell}
     if split.is_in_turn:
@@ -166,7 +167,8 @@ def infer(
     run: the folder, or a fitted `SpikingClassifier` or a pipeline that ends in one, whose windows are cut as those that
     it was fitted on; it does not know the trials of these (side "unknown").
     One row per window, with its spikes and SOPs. Columns: trial, side (training, validation, test, unseen), label,
-    predicted, steps, input_spikes, hidden_spikes and sops_*. `summarise` gives their means.
+    predicted, steps, input_spikes, hidden_spikes and sops_*. Of a detector one row per mark and per detection: trial,
+    label, start_s, stop_s, detected_s, ended_s, delay_ms, outcome and side. `summarise` gives their means.
     early_exit: stop where the validated rule says so. test_only: the network's own test trials alone.
     where, leave_out: the trials to decide, as of `read`; they are numbered anew in the column trial.
     device: a torch device. out: a file to write (.csv, .json, .md, .tex); one that exists is refused unless `force`.
@@ -251,12 +253,16 @@ def sops(
 def summarise(decisions: "pd.DataFrame") -> "pd.DataFrame":
     """Means of what `infer` or `sops` returned, for each side and class, and for `all` windows of a side.
 
-    Columns: side, label, windows (how many), accuracy, and the means of steps, spikes and SOPs.
+    Columns: side, label, windows (how many), accuracy, and the means of steps, spikes and SOPs. Of a detector: side,
+    label, outcome, events (how many) and the mean of delay_ms.
     Raises InputError for a table without these columns.
 
     >>> nt.summarise(nt.infer("run", "spikes.h5"))["label"].tolist()[:3]
     ['felt', 'silk', 'all']
     """
+    if "outcome" in decisions:
+        groups = decisions.groupby(["side", "label", "outcome"], sort=False)
+        return groups.agg(events=("trial", "size"), delay_ms=("delay_ms", "mean")).reset_index()
     return synops.summary(decisions)
 
 

@@ -114,6 +114,7 @@ def read_table(
     trial: str | Sequence[str] = (),
     segments: bool = False,
     annotations: str | Path | None = None,
+    keep_whole: bool = False,
     where: Conditions | None = None,
     leave_out: LeftOut = None,
     layout: LayoutSpec = LayoutSpec(),
@@ -123,7 +124,8 @@ def read_table(
     label: the column of classes; one named label, class, y or target when None. trial: the columns that tell trials
     apart, such as "subject,repetition"; one named trial, recording or touch when empty. segments: whether each stretch
     of samples of one class is a trial, as in a continuous recording. annotations: a CSV file with the columns begin,
-    end and label, a row per touch, in place of both.
+    end and label, a row per touch, in place of both. keep_whole: whether a continuous recording stays
+    one trial, with a mark for each touch, as a detector of events needs it.
     layout: the columns, as of `read_folder`; all columns of numbers that change within trials are taxels when it names
     none, and those that are constant within each trial are conditions.
     where, leave_out: the trials to keep, and to leave out, such as the class "rest", which is no touch; as of `read`.
@@ -133,6 +135,7 @@ def read_table(
     Recordings(12 trials x 2 taxels, 60 samples at 1000 Hz (0.06 s), mV, 2 classes)
     """
     spec = {"label": label, "trial": trial, "segments": segments, "annotations": annotations and str(annotations)}
+    spec["keep_whole"] = keep_whole
     choice = TrialChoice.of(where, leave_out)._asdict()
     read = plugins.load_function("tools", "import_table")
     return read(path, sampling_rate_Hz, unit or "", {**layout.given(), **spec, **choice})

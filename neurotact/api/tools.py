@@ -7,8 +7,8 @@ from neurotact import plugins
 TOOLS = (
     "Decision", "Flow", "Samples", "Stream", "Streamed", "bundle_study", "check_chip", "conditions_curve",
     "fine_tune", "from_neo", "from_nir", "from_nir_data", "from_snntorch", "learn", "live", "plot_survival",
-    "read_nwb", "save_energy", "stream", "to_neo", "to_nir", "to_nir_data", "to_nwb", "to_snntorch", "tune",
-    "what_survives",
+    "read_nwb", "refuse", "save_energy", "stream", "to_neo", "to_nir", "to_nir_data", "to_nwb", "to_snntorch",
+    "tune", "what_survives",
 )  # fmt: skip
 
 

@@ -9,6 +9,7 @@ EXAMPLES = {
     "show": "neurotact show sa1-ra1-lif",
     "copy": "neurotact copy sa1-ra1-lif -o mine.toml",
     "simulate gratings": "neurotact simulate gratings -o touches.h5 --set trials=20",
+    "simulate gratings-slips": "neurotact simulate gratings-slips -o slips.h5 --set recordings=20",
     "simulate stiffness": "neurotact simulate stiffness -o grasps.h5",
     "simulate touch-modality": "neurotact simulate touch-modality -o touches.h5",
     "simulate contact-materials": "neurotact simulate contact-materials -o contacts.h5",
@@ -51,6 +52,16 @@ EXAMPLES = {
     "study bundle": "neurotact study bundle mine/ -o bundle/ --width nature-column",
 }
 """An example of each command, by its name; a command of another package may have none."""
+
+TASKS = {
+    "From recordings to an answer": "study",
+    "Recordings": "import fetch simulate info",
+    "Spikes": "calibrate encode raster",
+    "Networks": "train infer sops tune save learn conditions-curve",
+    "Devices": "stream live export fine-tune",
+    "Specs": "list show copy",
+}
+"""The commands by what a user wants to do, as the help of the program shows them."""
 
 GROUPS = {
     "Windows": "--window-ms --start-ms --hop-ms --per-trial --align --rest-ms --onset-deviations",

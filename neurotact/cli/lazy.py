@@ -97,10 +97,13 @@ def add_plugins(
     app.callback()(begin)  # it is a group although it may have no other command
 
 
-def lazy_group(helps: Callable[[], Mapping[str, Help]], load: Callable[[str], Any]) -> type[TyperGroup]:
+def lazy_group(
+    helps: Callable[[], Mapping[str, Help]], load: Callable[[str], Any], tasks: Mapping[str, str] | None = None
+) -> type[TyperGroup]:
     """A kind of group with further commands, which `load(name)` returns when they are run or their help is requested.
 
-    helps: the line of each such command in the group's help, by name.
+    helps: the line of each such command in the group's help, by name. tasks: the names of all commands by the heading
+        under which the help shows them; one heading by default.
     """
 
     class LazyGroup(TyperGroup):
@@ -112,7 +115,9 @@ def lazy_group(helps: Callable[[], Mapping[str, Help]], load: Callable[[str], An
         def format_commands(self, ctx: Any, formatter: Any) -> None:
             ready = {name: command.get_short_help_str(200) for name, command in self.ready.items()}
             lazy = {name: line if isinstance(line, str) else line() for name, line in helps().items()}
-            with formatter.section("Commands"):
-                formatter.write_dl(list((lazy | ready).items()))
+            lines = lazy | ready
+            for heading, names in (tasks or {"Commands": " ".join(lines)}).items():
+                with formatter.section(heading):
+                    formatter.write_dl([(name, lines[name]) for name in names.split()])
 
     return LazyGroup

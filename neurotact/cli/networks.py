@@ -25,7 +25,11 @@ COPIES = option(
     metavar="KIND",
     show_default="those in the file",
 )
-SHOWN = ["label", "windows", "accuracy", "steps", "input_spikes", "hidden_spikes", "sops_total"]
+ANSWERED = ["answered", "accuracy_answered"]
+SHOWN = [
+    "label", "windows", "accuracy", *ANSWERED, "steps", "input_spikes", "hidden_spikes", "sops_total", "outcome",
+    "events", "delay_ms",
+]  # fmt: skip
 """The columns of a SOP summary that fit a terminal, and errors of numbers; the files hold all of them."""
 SIDES = {
     "training": "training windows: seen in training, so their accuracy does not hold for new touches",

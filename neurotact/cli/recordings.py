@@ -80,6 +80,7 @@ def import_folder(given: dict[str, Any], out: OutFile, force: Force = False) -> 
     annotations=option(
         Path | None, "A CSV file with begin, end and label of each touch in a continuous recording."
     ),
+    keep_whole=flag("--keep-whole", "With either, a continuous recording stays one trial, with a mark for each touch."),
     unit=UNIT,
     sampling_rate_Hz=RATE_OR_STAMPS,
     layout=TEXTS,

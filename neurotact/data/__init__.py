@@ -20,6 +20,7 @@ Other rooms take:
         save_recordings, save_spikes, spike_writer
     hdf5_input: Declared, EVENTS, attribute, opened, own_members, reading
     hdf5_output: Output, create
+    marks: COLUMNS, NONE, labels_at
     onset: common_onset_s, onsets_s
     readers.clock.units: DAY_S, FASTEST_HZ, HOUR_S, LONGEST_S, SHORTEST_S, SLOWEST_HZ, UNIT_S, Unit, apart,
         is_time_of_day, joined, pair_in, seconds_of, timings, unit_in, without_unit

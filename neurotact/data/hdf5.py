@@ -2,7 +2,8 @@
 
 Recordings: `signals/values` (all trials end to end, `(time, channel)`), `signals/lengths`, `conditions/<column>`.
 Spike trains: the layout of the Spiking Heidelberg Digits (`spikes/times` in s, `spikes/units`, `labels`), and
-`conditions/<column>`, `trial_steps`. Everything else is in the file's attributes.
+`conditions/<column>`, `trial_steps`. Both: `marks/<column>`, where trials have any. Everything else is in the file's
+attributes.
 """
 
 from __future__ import annotations
@@ -22,6 +23,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from neurotact import plugins
+from neurotact.data import marks as annotations
 from neurotact.data.augmentation import AugmentationSpec, CopiesWhenRead
 from neurotact.data.hdf5_input import EVENTS, Declared, attribute, names, opened, table
 from neurotact.data.hdf5_output import Output, create
@@ -60,6 +62,7 @@ def save_recordings(recordings: Recordings, path: str | Path) -> None:
         file.attrs["kind"] = "recordings"
         file.attrs["source"] = recordings.source
         _write_recordings(file, recordings, output)
+        _write_marks(file, recordings.marks)
 
 
 def _write_recordings(group: h5py.Group, recordings: Recordings, output: Output, **packed: Any) -> None:
@@ -98,6 +101,7 @@ class StoredRecordings(Trials):
     channels: tuple[str, ...]
     source: str
     columns: tuple[int, ...] | None = None
+    marks: pd.DataFrame | None = None
 
     @property
     def lengths(self) -> np.ndarray:
@@ -129,6 +133,7 @@ class StoredRecordings(Trials):
             conditions=self.conditions,
             channels=self.channels,
             source=self.source,
+            marks=self.marks,
         )
 
     def select(self, keep: ArrayLike) -> Self:
@@ -139,6 +144,7 @@ class StoredRecordings(Trials):
             starts=self.starts[index],
             stored_lengths=self.stored_lengths[index],
             conditions=self.conditions.iloc[index].reset_index(drop=True),
+            marks=annotations.selected(self.marks, index),
         )
 
     def of_taxels(self, order: Sequence[int]) -> Self:
@@ -201,7 +207,7 @@ def _stored(declared: Declared, path: str, within: str = "") -> StoredRecordings
     check_channels(channels, path)
     for trial in (0, int(lengths.argmin())):
         check_shape((int(lengths[trial]), *values.shape[1:]), trial, len(channels), path)
-    conditions = _read_table(declared, len(lengths), within)
+    conditions = _read_table(declared, f"{within}conditions", len(lengths))
     check_conditions(conditions, path)
     return StoredRecordings(
         values=values,
@@ -213,6 +219,7 @@ def _stored(declared: Declared, path: str, within: str = "") -> StoredRecordings
         conditions=conditions,
         channels=channels,
         source=path,
+        marks=None if within else annotations.checked(_read_marks(declared), lengths / rate_Hz, path),
     )
 
 
@@ -267,11 +274,12 @@ def spike_writer(
     touch_s: float | None = None,
     variations: Variations | None = None,
     recorded_Hz: float | None = None,
+    marks: pd.DataFrame | None = None,
 ) -> Iterator[_SpikeWriter]:
     """Write a spikes file to `path`, whole or not at all: the block appends one trial for each row of `conditions`.
 
     variations: varied copies, of which the recordings are written and not the spikes, unless these are in memory: then
-    they are of the last rows. recorded_Hz: of the recordings.
+    they are of the last rows. recorded_Hz: of the recordings. marks: of the trials.
 
     >>> import tempfile
     >>> path = Path(tempfile.mkdtemp()) / "spikes.h5"
@@ -311,6 +319,7 @@ def spike_writer(
             if writer.trial_touches != writer.trial_digests:
                 file["trial_touches"] = np.array(writer.trial_touches, dtype="S")
         _write_table(file.create_group("conditions"), conditions)
+        _write_marks(file, marks)
 
 
 def source_of(path: str | Path) -> str:
@@ -336,7 +345,7 @@ def save_spikes(trains: SpikeTrains, path: str | Path) -> None:
     made = trains.variations is not None and isinstance(trains.variations.source, CopiesWhenRead)
     every = trains if made else trains.with_variations()
     about = (every.conditions, trains.sampling_rate_Hz, trains.afferents, trains.encoder, trains.source)
-    with spike_writer(path, *about, trains.touch_s, trains.variations, trains.recorded_Hz) as writer:
+    with spike_writer(path, *about, trains.touch_s, trains.variations, trains.recorded_Hz, trains.marks) as writer:
         for trial in (*trains.trials(), *([*every.trials()][len(trains) :])):
             writer.append(trial)
 
@@ -389,7 +398,7 @@ def _spikes(declared: Declared) -> SpikeTrains:
     rate_Hz = float(attribute(file, "sampling_rate_Hz", path))
     check_sampling_rate(rate_Hz, str(path))
     trial_steps = declared.numbers("trial_steps")
-    conditions = _read_table(declared, len(trial_steps))
+    conditions = _read_table(declared, "conditions", len(trial_steps))
     times = declared.rows("spikes/times", "f")
     units = declared.rows("spikes/units", "iu")
     try:
@@ -406,6 +415,7 @@ def _spikes(declared: Declared) -> SpikeTrains:
             touch_s=float(attribute(file, "touch_s", path)) if "touch_s" in file.attrs else None,
             trial_touches=tuple(declared.texts("trial_touches")) if "trial_touches" in file else (),
             recorded_Hz=_recorded_Hz(file, path),
+            marks=_read_marks(declared),
         )
         return _with_variations(trains, declared) if "variation_of" in file else trains
     except InputError as error:
@@ -463,8 +473,19 @@ def _write_table(group: h5py.Group, table: pd.DataFrame) -> None:
             group.create_dataset(str(column), data=values.astype(str).astype(object), dtype=h5py.string_dtype())
 
 
-def _read_table(declared: Declared, n_trials: int, within: str = "") -> pd.DataFrame:
-    columns = names(attribute(declared.group(f"{within}conditions"), "columns", declared.path))
+def _read_table(declared: Declared, name: str, n_rows: int) -> pd.DataFrame:
+    columns = names(attribute(declared.group(name), "columns", declared.path))
     if len(set(columns)) < len(columns):
         raise ValueError("a condition occurs twice in its table")
-    return pd.DataFrame({column: declared.column(f"{within}conditions/{column}", n_trials) for column in columns})
+    return pd.DataFrame({column: declared.column(f"{name}/{column}", n_rows) for column in columns})
+
+
+def _write_marks(file: h5py.File, marks: pd.DataFrame | None) -> None:
+    if marks is not None:
+        _write_table(file.create_group("marks"), marks)
+
+
+def _read_marks(declared: Declared) -> pd.DataFrame | None:
+    if "marks" not in declared.file:
+        return None
+    return _read_table(declared, "marks", len(declared.numbers("marks/trial", "iu")))

@@ -13,6 +13,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from neurotact.classes import NO_CLASSES, measurement_in
+from neurotact.data import marks as annotations
 from neurotact.errors import InputError, closest, nearest
 from neurotact.lazily import lazily
 from neurotact.notebook import html_of
@@ -39,6 +40,7 @@ class Trials(ABC):
     conditions: pd.DataFrame
     channels: tuple[str, ...]
     source: str
+    marks: pd.DataFrame | None = None
 
     def __len__(self) -> int:
         return len(self.conditions)
@@ -97,6 +99,8 @@ class Recordings(Trials):
     channels: the taxels' names; `taxel1..` when not given. Tables of pandas have those of their columns, and are put
         into the order of the first one.
     source: where the recordings come from, in one line.
+    marks: which label is in force when, in long trials: a table of trial, start_s, stop_s and label, or a mapping of
+        these columns; unmarked time is "none". None: trials are not annotated in time.
 
     Raises InputError for signals that hold NaN or infinity, are empty, differ in their number of
     channels, or do not match the table of conditions; for two channels of one name and trials without a class.
@@ -112,6 +116,7 @@ class Recordings(Trials):
     conditions: pd.DataFrame
     channels: tuple[str, ...] = ()
     source: str = ""
+    marks: pd.DataFrame | None = None
 
     if TYPE_CHECKING:  # what is converted may be given, too
 
@@ -123,6 +128,7 @@ class Recordings(Trials):
             conditions: pd.DataFrame | Mapping[str, Any] | ArrayLike,
             channels: Sequence[str] = (),
             source: str = "",
+            marks: pd.DataFrame | Mapping[str, Any] | None = None,
         ) -> None: ...
 
     def __post_init__(self) -> None:
@@ -156,6 +162,8 @@ class Recordings(Trials):
         for i, signal in enumerate(self.signals):
             check_shape(signal.shape, i, len(self.channels), where)
             check_finite(signal, i, self.channels, where)
+        durations_s = self.lengths / self.sampling_rate_Hz
+        object.__setattr__(self, "marks", annotations.checked(self.marks, durations_s, where))
 
     def __len__(self) -> int:
         return len(self.signals)
@@ -177,7 +185,8 @@ class Recordings(Trials):
             signals = self.signals[index]
         else:
             signals = [self.signals[i] for i in index.tolist()]
-        return replace(self, signals=signals, conditions=self.conditions.iloc[index].reset_index(drop=True))
+        conditions = self.conditions.iloc[index].reset_index(drop=True)
+        return replace(self, signals=signals, conditions=conditions, marks=annotations.selected(self.marks, index))
 
     def of_taxels(self, order: Sequence[int]) -> Self:
         given, names = self.signals, tuple(self.channels[index] for index in order)

@@ -10,6 +10,7 @@ from typing import Any, NamedTuple, Protocol
 import numpy as np
 from numpy.typing import ArrayLike
 
+from neurotact.data import marks as annotations
 from neurotact.data.contact import OnsetSpec, onset_of
 from neurotact.data.recordings import (
     check_conditions,
@@ -120,6 +121,7 @@ class SpikeTrains:
     touch_s: when the touch begins in the recordings, in s from the start of a trial (`data.onset`); None if unknown.
     variations: varied copies of the trials, for training alone; None if there are none.
     recorded_Hz: samples of the recordings per second; None if unknown.
+    marks: as of `Recordings`.
 
     Raises InputError if the lengths do not match, and for spikes out of order or outside their trial.
 
@@ -143,6 +145,7 @@ class SpikeTrains:
     trial_touches: tuple[str, ...] = ()
     variations: Variations | None = None
     recorded_Hz: float | None = None
+    marks: pd.DataFrame | None = None
 
     def __post_init__(self) -> None:
         check_sampling_rate(self.sampling_rate_Hz, "spikes")
@@ -160,6 +163,7 @@ class SpikeTrains:
         if self.touch_s is not None and not 0 <= self.touch_s < math.inf:
             raise InputError(f"touch_s: must be a time in s, at least 0, or None; got {self.touch_s}")
         check_conditions(self.conditions, "spikes")
+        object.__setattr__(self, "marks", annotations.checked(self.marks, np.full(len(self.steps), np.inf), "spikes"))
         for trial, (steps, units) in enumerate(zip(self.steps, self.units, strict=True)):
             if not _fits(np.asarray(steps), np.asarray(units), self.trial_steps[trial], len(self.afferents)):
                 raise InputError(
@@ -236,6 +240,7 @@ class SpikeTrains:
             trial_digests=tuple(self.trial_digests[i] for i in index.tolist()) if self.trial_digests else (),
             trial_touches=tuple(self.trial_touches[i] for i in index.tolist()) if self.trial_touches else (),
             variations=None if self.variations is None else self.variations.select(index),
+            marks=annotations.selected(self.marks, index),
         )
 
     def with_afferents(self, kept: Sequence[int]) -> SpikeTrains:
@@ -365,6 +370,7 @@ def from_trials(
     source: str = "",
     touch_s: float | None = None,
     recorded_Hz: float | None = None,
+    marks: pd.DataFrame | None = None,
 ) -> SpikeTrains:
     """Spike trains from an iterator of trials, in the order of the rows of `conditions`."""
     listed = list(trials)
@@ -381,6 +387,7 @@ def from_trials(
         touch_s=touch_s,
         trial_touches=_touch_names(listed),
         recorded_Hz=recorded_Hz,
+        marks=marks,
     )
 
 

@@ -266,6 +266,7 @@ def _about(recordings: Trials, spec: EncoderSpec) -> dict[str, Any]:
         "source": recordings.source,
         "touch_s": common_onset_s(recordings),
         "recorded_Hz": recordings.sampling_rate_Hz,
+        "marks": recordings.marks,
     }
 
 

@@ -23,6 +23,6 @@ Other rooms take:
     signal_flops: Averaging, BaselineRemoval, Interpolation, Rectification, ScaledSteps, StandardisedSteps
     spike_trains: Events, Spikes, check_rate, events_of_raster, isis_ms, rates_Hz, spike_counts
     starts: FITTED, ONE, Spread, interval, spread
-    synops: OF_NUMBERS, SIDE, SIDES, Synops, TEST, TRAINING, UNKNOWN, UNSEEN, VALIDATION, in_words, not_counted,
-        of_network, summary, summary_markdown, table_of
+    synops: OF_NUMBERS, REFUSED, SIDE, SIDES, Synops, TEST, TRAINING, UNKNOWN, UNSEEN, VALIDATION, in_words,
+        not_counted, of_network, summary, summary_markdown, table_of
 """

@@ -28,6 +28,8 @@ SIDE = "side"
 """The column of a report that says where a network met each window's trial before, where it has one."""
 TRAINING, VALIDATION, TEST, UNSEEN, UNKNOWN = SIDES = ("training", "validation", "test", "unseen", "unknown")
 """From the most seen to the least: the sides of the split; trials on none of them; trials of an unknown side."""
+REFUSED = "none"
+"""In place of the class of a window that is none of the classes."""
 COLUMNS = (
     "trial",
     "label",
@@ -187,13 +189,21 @@ def table_of(
     return pd.DataFrame(dict(zip(COLUMNS, (*given, *spikes, *operations), strict=True)))
 
 
-def summary(table: pd.DataFrame) -> pd.DataFrame:
+def _refuses(table: pd.DataFrame) -> bool:
+    """Whether a SOP report has windows that are none of the classes."""
+    told = "predicted" in table and (table["predicted"] == REFUSED).any()
+    return bool(told) and not (table["label"] == REFUSED).any()
+
+
+def summary(table: pd.DataFrame, *, of_refusing: bool = False) -> pd.DataFrame:
     """Means of a SOP report for each class, in order of the labels, and for `all` windows in the last row.
 
     Columns: label, windows (how many), accuracy, and the means of steps, spikes and SOPs; where numbers are told,
     `rmse_NAME`, the root-mean-square error of each, in place of the accuracy. A report with the column `side` is
-    summarised side by side, in the order from the most seen to the least: its `all` rows stand within a
-    side, since one accuracy over training and test windows means nothing.
+    summarised side by side, in the order from the most seen to the least: its `all` rows stand within a side, since one
+    accuracy over training and test windows means nothing. Where windows are refused, `answered` is the share of the
+    others, and `accuracy_answered` the accuracy of these; in `accuracy` a refused window is not right. of_refusing:
+    whether windows of other sides are refused.
 
     >>> sent, hidden = np.array([10, 0]), np.array([4, 0])
     >>> operations = synops(sent, hidden, n_hidden=30, n_readout=8, recurrent=True)
@@ -213,7 +223,7 @@ def summary(table: pd.DataFrame) -> pd.DataFrame:
         {
             "label": str(label),
             "windows": len(part),
-            **_judged(part, targets),
+            **_judged(part, targets, refuses=_refuses(table) or of_refusing),
             **part[counted].mean().to_dict(),
         }
         for label, part in parts
@@ -221,12 +231,14 @@ def summary(table: pd.DataFrame) -> pd.DataFrame:
     return pd.DataFrame(rows)
 
 
-def _judged(part: pd.DataFrame, targets: Sequence[str]) -> dict[str, float]:
-    """The accuracy of decisions, or the root-mean-square error of each target."""
-    if not targets:
-        return {"accuracy": (part["label"] == part["predicted"]).mean()}
-    squares = {name: (part[f"{OF_NUMBERS}{name}"] - part[f"true_{name}"]) ** 2 for name in targets}
-    return {f"rmse_{name}": float(values.mean() ** 0.5) for name, values in squares.items()}
+def _judged(part: pd.DataFrame, targets: Sequence[str], *, refuses: bool) -> dict[str, float]:
+    """The accuracy of decisions, of all and of answered ones, or the root-mean-square error of each target."""
+    if targets:
+        squares = {name: (part[f"{OF_NUMBERS}{name}"] - part[f"true_{name}"]) ** 2 for name in targets}
+        return {f"rmse_{name}": float(values.mean() ** 0.5) for name, values in squares.items()}
+    accuracy, answered = (part["label"] == part["predicted"]).mean(), (part["predicted"] != REFUSED).mean()
+    of_answered = {"answered": answered, "accuracy_answered": accuracy / answered if answered else np.nan}
+    return {"accuracy": accuracy, **(of_answered if refuses else {})}
 
 
 def summary_markdown(means: pd.DataFrame, what: str) -> str:
@@ -258,7 +270,7 @@ def _sides_in(table: pd.DataFrame) -> list[str]:
 
 
 def _summary_of_side(table: pd.DataFrame, side: str) -> pd.DataFrame:
-    means = summary(table[table[SIDE] == side].drop(columns=SIDE))
+    means = summary(table[table[SIDE] == side].drop(columns=SIDE), of_refusing=_refuses(table))
     means.insert(0, SIDE, side)
     return means
 

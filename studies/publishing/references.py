@@ -114,7 +114,7 @@ def texts(study: Study) -> Iterator[str]:
         if group == "prices":
             yield from _of_prices(name)
         elif group == "opponents":
-            part = opponent.load(name)
+            part = plugins.load(group, name, opponent.Opponent)
             yield f"{part.about} {part.build.__doc__ or ''}"
         else:
             yield " ".join(docstring or "" for docstring in _docstrings(plugins.load(group, name)))

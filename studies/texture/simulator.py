@@ -256,14 +256,14 @@ def record(spec: GratingsSpec, slide: Slide, rng: np.random.Generator) -> np.nda
     time_s = np.arange(-n_settle, spec.n_samples) / rate_Hz
     place_mm = (slide.start_mm + slide.speed_mm_per_s * time_s)[:, None]
     along = (place_mm + np.array(spec.taxel_along_mm)) / period_mm
-    signal = _look_up(ridge_signal(spec, slide), along[n_settle:])
+    signal = look_up(ridge_signal(spec, slide), along[n_settle:])
     if spec.slip_mV_rms > 0:
-        rubbing = _look_up(contact(spec, slide), along)
-        fresh, of_plate = rng.standard_normal((len(time_s), 1)), _plate_friction(spec, slide, place_mm)
+        rubbing = look_up(contact(spec, slide), along)
+        fresh, of_plate = rng.standard_normal((len(time_s), 1)), plate_friction(spec, slide, place_mm)
         repeats = spec.friction_repeats
         drive = rubbing * (np.sqrt(repeats) * of_plate + np.sqrt(1.0 - repeats) * fresh)
         scale = spec.slip_mV_rms * loading(spec, slide) * sagging(spec, slide.pitch_mm)
-        signal += scale * _mount_noise(spec, drive)[n_settle:]
+        signal += scale * mount_noise(spec, drive)[n_settle:]
     noise = rng.standard_normal((spec.n_samples, n_taxels), np.float32)
     return (signal * slide.gains).astype(np.float32) + np.float32(spec.noise_mV_rms) * noise
 
@@ -279,10 +279,10 @@ def ridge_signal(spec: GratingsSpec, slide: Slide) -> np.ndarray:
     >>> bool(8 < np.abs(ridge_signal(GratingsSpec(), slide)).max() < 16)
     True
     """
-    ridges, wavenumber = _ridge_harmonics(spec, slide.pitch_mm)
+    ridges, wavenumber = ridge_harmonics(spec, slide.pitch_mm)
     frequency_Hz = slide.speed_mm_per_s * wavenumber
-    press = spec.press_mV * _blur(wavenumber, footprint_mm(spec, slide))
-    catch = spec.catch_mV * sagging(spec, slide.pitch_mm) * _blur(wavenumber, spec.edge_mm * flattening(spec, slide))
+    press = spec.press_mV * blur(wavenumber, footprint_mm(spec, slide))
+    catch = spec.catch_mV * sagging(spec, slide.pitch_mm) * blur(wavenumber, spec.edge_mm * flattening(spec, slide))
     harmonics = ridges * (
         press * _high_pass(frequency_Hz, spec.high_pass_Hz)
         + catch * _mount(frequency_Hz, spec.mount_Hz, spec.mount_damping)
@@ -293,8 +293,8 @@ def ridge_signal(spec: GratingsSpec, slide: Slide) -> np.ndarray:
 
 def contact(spec: GratingsSpec, slide: Slide) -> np.ndarray:
     """Coverage of a taxel by a ridge over one spatial period, `(TABLE_POINTS,)`: 1 fully, 0 not at all."""
-    ridges, wavenumber = _ridge_harmonics(spec, slide.pitch_mm)
-    return np.fft.irfft(ridges * _blur(wavenumber, footprint_mm(spec, slide)), TABLE_POINTS) * TABLE_POINTS
+    ridges, wavenumber = ridge_harmonics(spec, slide.pitch_mm)
+    return np.fft.irfft(ridges * blur(wavenumber, footprint_mm(spec, slide)), TABLE_POINTS) * TABLE_POINTS
 
 
 def loading(spec: GratingsSpec, slide: Slide) -> float:
@@ -319,7 +319,7 @@ def flattening(spec: GratingsSpec, slide: Slide) -> float:
     return (slide.force_N / REFERENCE_FORCE_N) ** spec.flattening_exponent
 
 
-def _ridge_harmonics(spec: GratingsSpec, pitch_mm: float) -> tuple[np.ndarray, np.ndarray]:
+def ridge_harmonics(spec: GratingsSpec, pitch_mm: float) -> tuple[np.ndarray, np.ndarray]:
     """Fourier coefficients of a rectangular ridge and their wavenumbers in cycles per mm."""
     period_mm = pitch_mm + spec.ridge_width_mm
     wavenumber = np.arange(TABLE_POINTS // 2 + 1) / period_mm
@@ -327,7 +327,8 @@ def _ridge_harmonics(spec: GratingsSpec, pitch_mm: float) -> tuple[np.ndarray, n
     return coefficients.astype(np.complex128), wavenumber
 
 
-def _blur(wavenumber: np.ndarray, deviation_mm: float) -> np.ndarray:
+def blur(wavenumber: np.ndarray, deviation_mm: float) -> np.ndarray:
+    """A Gaussian blur at wavenumbers in cycles per mm."""
     return np.exp(-0.5 * (2.0 * np.pi * wavenumber * deviation_mm) ** 2)
 
 
@@ -342,7 +343,7 @@ def _mount(frequency_Hz: np.ndarray, resonance_Hz: float, damping: float) -> np.
     return 1j * ratio / (1.0 - ratio**2 + 2j * damping * ratio)
 
 
-def _mount_noise(spec: GratingsSpec, drive: np.ndarray) -> np.ndarray:
+def mount_noise(spec: GratingsSpec, drive: np.ndarray) -> np.ndarray:
     """White `(time, taxel)` noise through the mount's resonance as a digital band-pass, scaled to keep its power."""
     from scipy.signal import lfilter
 
@@ -354,7 +355,7 @@ def _mount_noise(spec: GratingsSpec, drive: np.ndarray) -> np.ndarray:
     return lfilter(b / np.sqrt(b[0]), a, drive, axis=0)
 
 
-def _plate_friction(spec: GratingsSpec, slide: Slide, place_mm: np.ndarray) -> np.ndarray:
+def plate_friction(spec: GratingsSpec, slide: Slide, place_mm: np.ndarray) -> np.ndarray:
     """The plate's own stick-slip noise at positions of the finger; below 100 Hz equal to white noise of deviation 1.
 
     It is a function of the position only, so slides with the same start have the same noise.
@@ -363,7 +364,7 @@ def _plate_friction(spec: GratingsSpec, slide: Slide, place_mm: np.ndarray) -> n
     roughness = np.random.default_rng(plate).standard_normal(round(PLATE_mm / GRAIN_mm))
     # v / GRAIN_mm points pass per second: their power spreads over as many Hz, that of white noise over the rate.
     strength = np.sqrt(slide.speed_mm_per_s / (GRAIN_mm * spec.sampling_rate_Hz))
-    return strength * _look_up(roughness, place_mm / PLATE_mm)
+    return strength * look_up(roughness, place_mm / PLATE_mm)
 
 
 def _settling_samples(spec: GratingsSpec) -> int:
@@ -371,7 +372,7 @@ def _settling_samples(spec: GratingsSpec) -> int:
     return int(np.ceil(6.0 / (2.0 * np.pi * spec.mount_Hz * spec.mount_damping) * spec.sampling_rate_Hz))
 
 
-def _look_up(table: np.ndarray, along: np.ndarray) -> np.ndarray:
+def look_up(table: np.ndarray, along: np.ndarray) -> np.ndarray:
     """A periodic table at positions in periods, by linear interpolation."""
     position = (along - np.floor(along)) * len(table)
     before = position.astype(np.int64)

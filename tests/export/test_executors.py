@@ -33,6 +33,7 @@ from neurotact.networks.definition.executors import (
     EVENTS,
     EXECUTORS,
     FEATURES,
+    IN_TIME,
     LAYERS,
     NO_LAYER,
     OF_ANOTHER_PACKAGE,
@@ -45,6 +46,7 @@ from neurotact.networks.definition.executors import (
 from neurotact.networks.definition.parts import NetworkPart
 from neurotact.networks.definition.specs import RSNNSpec
 from neurotact.networks.exit.rule import FULL_WINDOW, ExitRule
+from neurotact.networks.training.events import DetectorSpec
 from neurotact.spec import Spec
 
 MODELS = usable()
@@ -94,6 +96,7 @@ NETWORKS = {
 }
 RULES = {
     "exit by patience": ExitRule(5, from_first_spike=True),
+    "none of these": ExitRule(5, from_first_spike=True, least_lead=2.0),
 }
 
 
@@ -150,7 +153,13 @@ def chain_with(feature: str) -> Chain:
     given_Hz = (
         None if feature == EVENTS else 400.0 if feature in ("resampling", "membranes in closed form") else RATE_Hz
     )
-    return chain_of((encoder, network), nt.Streamed(sampling_rate_Hz=given_Hz, length_ms=40))._replace(rule=rule)
+    return chain_of((encoder, network), nt.Streamed(sampling_rate_Hz=given_Hz, length_ms=40))._replace(
+        rule=rule, detector=DetectorSpec(threshold=0, steps=1) if feature == IN_TIME else None
+    )
+
+
+def subject_with(feature: str) -> Subject:
+    return Subject(*parts_with(feature), feature == IN_TIME)
 
 
 def windows(n_inputs: int) -> torch.Tensor:
@@ -175,6 +184,8 @@ def in_native(feature: str) -> None:
 
 
 def in_a_stream(feature: str) -> None:
+    if feature == IN_TIME:
+        return  # tests/stream/test_detector.py
     chain = chain_with(feature)
     signal = given_to(chain, 150)
     for backend in ("auto", "reference"):
@@ -328,13 +339,13 @@ def test_c_does_not_look_at_taxels_that_no_afferent_uses(chosen_taxels, integer,
 
 @pytest.mark.parametrize(("executor", "feature"), list(pairs(refused=True)))
 def test_what_the_table_refuses_is_refused_with_its_reason(executor, feature, tmp_path):
-    encoder, network, rule = parts_with(feature)
+    encoder, *_ = parts_with(feature)
     if executor == "native" and FEATURES[feature].part == "encoder":  # nothing chooses a backend for these models
         assert feature == OF_ANOTHER_PACKAGE or "backend" not in MODELS[encoder.model].encode.__annotations__
         return
     reason = EXECUTORS[executor].lacks[feature]
     with pytest.raises(InputError) as refused:
-        require(executor, Subject(encoder, network, rule))
+        require(executor, subject_with(feature))
     assert reason in str(refused.value)
     assert FEATURES[feature].instead in str(refused.value)
     with pytest.raises(InputError, match=feature):
@@ -344,7 +355,7 @@ def test_what_the_table_refuses_is_refused_with_its_reason(executor, feature, tm
 @pytest.mark.parametrize("feature", FEATURES)
 def test_a_feature_is_seen_where_it_is_and_the_reference_runs_it(feature):
     encoder, network, rule = parts_with(feature)
-    assert FEATURES[feature].present(Subject(encoder, network, rule))
+    assert FEATURES[feature].present(subject_with(feature))
     if encoder is not None:
         signal = Recordings([make_signal(80, TAXELS)], RATE_Hz, "mV", pd.DataFrame({"label": ["a"]}))
         trains = encode_recordings(replace(signal, unit=encoder.unit), encoder)

@@ -2,6 +2,7 @@
 
 import json
 import tomllib
+from dataclasses import replace
 from itertools import pairwise
 
 import numpy as np
@@ -26,6 +27,17 @@ from neurotact.metrics.prices import MEMORY_45NM
 from neurotact.networks.exit.rule import ExitRule
 from neurotact.networks.use.ledger import decision_ledger
 from neurotact.spec import override
+
+
+@pytest.mark.parametrize("least", [0.0, 2.5])
+def test_a_change_of_patience_keeps_the_least_lead_and_the_page_has_a_column_for_it(least):
+    chain = make_chain({}, patience=8)
+    chain = chain._replace(rule=replace(chain.rule, least_lead=least))
+    session = session_of(chain, Given([make_signal(60)]))
+    assert session.hello().get("refuses", False) == (least > 0)
+    assert session.scores.confusion.shape == (3, 5 if least else 4)
+    session.do(messages.Change(kind="change", values={"patience": 5}))
+    assert session.stream.chain.rule == ExitRule(5, from_first_spike=True, least_lead=least)
 
 
 def rows_of(found) -> list[tuple]:

@@ -27,7 +27,17 @@ from neurotact.errors import InputError
 from neurotact.networks.definition.seeds import of_start
 from neurotact.networks.definition.specs import RSNNSpec, TrainingSpec
 from neurotact.networks.training import resumable, run_folder, tasks, trainer
-from neurotact.networks.training.resumable import ASKED, CHECKPOINT, CHOICE, LAST, LEFT, RESULT, Interrupted, run
+from neurotact.networks.training.resumable import (
+    ASKED,
+    CHECKPOINT,
+    CHOICE,
+    LAST,
+    LEFT,
+    OF_DETECTOR,
+    RESULT,
+    Interrupted,
+    run,
+)
 from neurotact.spec import override, read, to_toml
 
 ROOT = Path(__file__).parents[2]
@@ -62,7 +72,7 @@ def whole(spikes) -> dict[str, bytes]:
     """What an uninterrupted training leaves."""
     assert run(spikes, spikes.parent / "whole", NETWORK, TASK) is not None
     left = contents(spikes.parent / "whole")
-    assert set(left) == set(LEFT) - {CHECKPOINT, LAST, CHOICE}
+    assert set(left) == set(LEFT) - {CHECKPOINT, LAST, CHOICE, *OF_DETECTOR}
     return left
 
 
@@ -187,7 +197,7 @@ def elsewhere(at_speeds) -> dict[str, bytes]:
     """What a training leaves that is tested at an untrained speed."""
     assert run(at_speeds, at_speeds.parent / "whole", NETWORK, ELSEWHERE) is not None
     left = contents(at_speeds.parent / "whole")
-    assert set(left) == set(LEFT) - {CHECKPOINT, LAST}
+    assert set(left) == set(LEFT) - {CHECKPOINT, LAST, *OF_DETECTOR}
     return left
 
 

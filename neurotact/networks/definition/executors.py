@@ -23,11 +23,12 @@ from neurotact.neurons import FAST_SIGMOID
 
 
 class Subject(NamedTuple):
-    """What is to be executed: an encoder, unless spikes are the input, a network, and an exit rule."""
+    """What is to be executed: an encoder, unless spikes are the input, a network, and an exit rule, or a detector's."""
 
     encoder: EncoderSpec | None
     network: native.Network
     rule: ExitRule = FULL_WINDOW
+    detects: bool = False
 
     @property
     def conditioning(self) -> ConditioningSpec:
@@ -90,6 +91,7 @@ def _has_grades(subject: Subject) -> bool:
 CHAIN = ("conditioning", "encoder", "network", "readout", "exit")
 EVENTS, OTHER = "events of a sensor", "network of another model"
 LAYERS, IN_NODES = "several layers, or a graph", ("layered", "graph")
+IN_TIME = "events in time"
 NO_LAYER, PAST = "no hidden layer", "path past the hidden layer"
 CAUSAL_INSTEAD = "encode and train with conditioning.baseline start, high-pass or none"
 LIF_INSTEAD = "encode and train with sa1-ra1-lif"
@@ -253,7 +255,9 @@ FEATURES: dict[str, _Feature] = {
         lambda s: s.network.spec.hears_afferents and s.network.spec.hidden > 0,
         "train with direct = false",
     ),
+    IN_TIME: _Feature("exit", (), lambda s: s.detects, "stream it"),
     "exit by patience": _Feature("exit", (), lambda s: s.rule.patience is not None, "decide at the end of a window"),
+    "none of these": _Feature("exit", ("refuse",), lambda s: s.rule.least_lead > 0, "train without refuse"),
 }
 """Every feature of a chain, in the order of its parts."""
 
@@ -278,6 +282,7 @@ _IN_INTEGERS = {
     "readout max": "a leak has no integer form; export it in float32",
 }
 _IN_C = {
+    IN_TIME: "it decides windows, each from a start of its own",
     **dict.fromkeys(OTHER_MODELS, "C has LIF afferents alone"),
     "half-wave rate of change": "the RA-I of C are driven by rise and fall alike",
     "rise in SA-I": "the SA-I of C are driven by the signal alone",

@@ -296,10 +296,7 @@ def _shape_of(network: Network, *, keep_currents: bool, with_inputs: bool) -> An
 
 def exits_at(rule: ExitRule) -> dict[str, Any]:
     """An exit rule as arguments of the kernels."""
-    return {
-        "patience": -1 if rule.patience is None else rule.patience, "from_first_spike": rule.from_first_spike,
-        "margin": -1.0,
-    }  # fmt: skip
+    return {"patience": -1 if rule.patience is None else rule.patience, "from_first_spike": rule.from_first_spike}
 
 
 def shape_of(network: Network) -> Any:

@@ -49,7 +49,8 @@ class Simulated(NamedTuple):
 class Inference(NamedTuple):
     """The decisions of a network and their cost, one row per trial.
 
-    labels: index of the largest readout count or value, ties to the lowest, `(trial,)` int64.
+    labels: index of the largest readout count or value, ties to the lowest, or the number of classes for none of them
+        (`ExitRule.told`), `(trial,)` int64.
     steps: simulated steps of the input's clock, `(trial,)` int64.
     input_spikes, hidden_spikes: spikes in those steps, summed over neurons, `(trial,)` int64; input spikes that a bin
         merges are one. NaN where hidden spikes are not counted.
@@ -129,7 +130,8 @@ class Network(nn.Module):
         """
         n_steps, spikes = spikes.shape[1], self.binned(spikes)
         inference = self._infer(spikes, rule.in_bins(self.steps_per_bin))
-        found = inference._replace(steps=(inference.steps * self.steps_per_bin).clamp(max=n_steps))
+        labels, steps = rule.told(inference.labels, inference.readout), inference.steps * self.steps_per_bin
+        found = inference._replace(labels=labels, steps=steps.clamp(max=n_steps))
         if isinstance(inference, CountedInference):
             found.sops = inference.sops  # pyright: ignore[reportAttributeAccessIssue]
         return found

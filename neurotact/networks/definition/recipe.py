@@ -44,6 +44,8 @@ HIDDEN, STRETCHES, FITTED_STRETCHES = 50, 4, 32
 """Hidden neurons; stretches of the readout, behind them and without them, where they are fitted with a penalty."""
 RECURRENT_STEPS, RECURRENT_MS = 300, 1500.0
 """Where recurrence is tried: the most steps of the network, and the longest window."""
+TAU_SHARE = 20
+"""Time constants of neurons in a window."""
 FEW, ENOUGH = 4.0, 6.0
 """Spikes per afferent and window: up to the first they are few, from the second on enough; between them rules fade."""
 
@@ -172,7 +174,7 @@ def choices(seen: Seen, given: Mapping[str, Any] | None = None) -> list[_Choice]
     if not chosen.has_layer:  # nor neurons, nor a training by gradients
         return chosen.made
     step_ms = 1e3 / seen.sampling_rate_Hz
-    tau_ms = _short(max(seen.steps * step_ms / 20, per_bin * step_ms))
+    tau_ms = _short(max(seen.steps * step_ms / TAU_SHARE, per_bin * step_ms))
     for key in ("tau_mem_ms", "tau_syn_ms"):
         chosen.take(key, tau_ms, "a twentieth of the window, at least one step")
     chosen.take("input_deviation", 1.0, "deviation of free membranes on the training windows, in thresholds")

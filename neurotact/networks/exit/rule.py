@@ -21,11 +21,13 @@ class ExitRule:
     from_first_spike: count from the first step at which the trial's readout changes (`validated`): its first spike, or
         the first hidden spike that an integrator adds. Otherwise count from the first step, as in the paper's
         Algorithm 1, where class 0 leads a silent readout.
+    least_lead: a leading class that leads by less at the decision is refused: the touch is none of the classes.
     Without patience no trial exits: the full window is simulated.
     """
 
     patience: int | None = None
     from_first_spike: bool = False
+    least_lead: float = 0.0
 
     def __post_init__(self) -> None:
         if self.patience is not None and self.patience < 1:
@@ -35,6 +37,14 @@ class ExitRule:
     def never(self) -> bool:
         """Whether no trial exits."""
         return self.patience is None
+
+    def told(self, labels: Tensor, readout: Tensor) -> Tensor:
+        """The decisions `(trial,)` by the leading classes and readouts `(trial, class)`; none is the number of classes.
+
+        >>> ExitRule(least_lead=2).told(torch.tensor([0, 1]), torch.tensor([[3, 1], [3, 4]])).tolist()
+        [0, 2]
+        """
+        return labels.masked_fill(leads(readout) < self.least_lead, readout.shape[1]) if self.least_lead else labels
 
     def in_bins(self, n: int) -> "ExitRule":
         """The rule of a network that is computed once in `n` steps: a patience of whole bins, at least one.
@@ -46,6 +56,12 @@ class ExitRule:
 
 
 FULL_WINDOW = ExitRule()
+
+
+def leads(readout: Tensor) -> Tensor:
+    """By how much the leading class exceeds the next one, `(trial,)`, of counts or values `(trial, class)`."""
+    first, second = readout.topk(2, dim=1).values.unbind(dim=1)
+    return first - second
 
 
 class Leader(NamedTuple):

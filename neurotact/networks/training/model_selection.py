@@ -80,7 +80,7 @@ def last(
 ) -> tuple[Trained, Sides]:
     """Train the chosen network; task: of `tasks.with_every_condition`, options: of `trainer.fit`."""
     fitted, sides = trainer.fit(trains, choice.network, task, seeds, **options)
-    return choice.given_to(fitted, task), sides
+    return trainer.refusing(choice.given_to(fitted, task), sides.validation, task), sides
 
 
 PART, CLEAR = 0.25, 2.0

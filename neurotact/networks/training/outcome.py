@@ -3,6 +3,8 @@
 from collections.abc import Collection, Iterator, Mapping
 from typing import Any, NamedTuple
 
+import pandas as pd
+
 from neurotact import files
 from neurotact.data.conditioning import acausal_note
 from neurotact.data.copies import copies_of
@@ -11,6 +13,7 @@ from neurotact.data.splits import Split
 from neurotact.metrics import starts
 from neurotact.networks.training import cautions, comparison, numbers, tasks
 from neurotact.networks.training.comparison import Comparison, Trials, compare
+from neurotact.networks.training.events import tool
 from neurotact.networks.training.model_selection import Choice
 from neurotact.networks.training.tasks import Sides, Task
 from neurotact.networks.training.trainer import Trained
@@ -36,6 +39,11 @@ class Outcome(NamedTuple):
     acausal: str | None
     start: str = starts.ONE
     """What is said of the start of the weights."""
+    refused: str = ""
+    """What is said of touches that are none of the classes."""
+    tables: Mapping[str, pd.DataFrame] = {}
+    told: Collection[str] = ()
+    """Of a detector, its tables by the names of their files, and what it comes to, in words."""
 
     def as_json(self) -> dict[str, Any]:
         """The content of `result.json`."""
@@ -49,8 +57,9 @@ class Outcome(NamedTuple):
     def lines(self) -> list[str]:
         """The accuracy, the cost and the confusions in words."""
         costs = comparison.costs(self.row, self.step_ms)
+        first, last = [*self.told], [*comparison.recurrence(self.row)]
         if self.confusion:
-            first, last = [], [*comparison.recurrence(self.row), comparison.confused(self.confusion, self.classes)]
+            last.append(comparison.confused(self.confusion, self.classes))
         else:
             first, last = [*numbers.lines(self.row, self.classes)], []
         return [
@@ -58,6 +67,7 @@ class Outcome(NamedTuple):
             *comparison.lines(self.compared, self.start, comparison.percent if self.confusion else numbers.scored),
             costs,
             *last,
+            *([self.refused] if self.refused else []),
             *([self.acausal] if self.acausal else []),
         ]
 
@@ -100,7 +110,11 @@ def outcome_of(
     held, tested = ((task.training_window, parts.validation), (task.window, parts.test))
     trials = Trials(*(copies.first[trains.cut(window, side).trial] for window, side in (held, tested)))
     names = tasks.names_of(trains, task)
-    if task.target:
+    tables, told = {}, []
+    if task.detects:
+        found, tables, told = tool("judge_detector")(fitted.network, trains, parts.test, fitted.detector)
+        result["row"] |= found
+    if task.numbers:
         result["row"] |= numbers.errors(result["values"], sides.test.labels.numpy(), names, trials.test)
     compared = compare(result["right"], sides, trials, len(names), last)
     return Outcome(
@@ -115,7 +129,15 @@ def outcome_of(
         1e3 / trains.sampling_rate_Hz,
         acausal_note(trains.encoder),
         starts.FITTED if fitted.network.spec.own is None and not fitted.network.spec.hidden else starts.ONE,
+        "" if fitted.refusal is None else _refused(result["row"], fitted.refusal.in_words),
+        tables,
+        told,
     )
+
+
+def _refused(row: Mapping[str, Any], known: str) -> str:
+    answered = f"{row['answered']:.1%} of test windows answered, {row['accuracy_answered']:.1%} of these right"
+    return f"none of these: {answered}; {known}"
 
 
 def _counts(parts: Split, distinct: Split) -> tuple[int, int]:
@@ -133,7 +155,7 @@ def _cautions(
     command: cautions.Command,
     searched: Collection[str],
 ) -> Iterator[str]:
-    told = numbers.scored if task.target else comparison.percent
+    told = numbers.scored if task.numbers else comparison.percent
     guess = max(compared.chance, compared.commonest)
     yield from cautions.not_learned(compared.accuracy, compared.low, guess, command, told)
     spec = fitted.network.spec
@@ -146,3 +168,5 @@ def _cautions(
     per_class = {trains.classes[label]: int((tested == label).sum()) for label in known}
     yield from cautions.few_test_trials(per_class, task.split, command)
     yield from cautions.exit_not_used(fitted.held)
+    if fitted.refusal is not None and not fitted.refusal.whole:
+        yield fitted.refusal.in_words

@@ -22,7 +22,7 @@ from neurotact.errors import InputError
 from neurotact.interrupt import stop_if_asked, terminated_as_interrupted
 from neurotact.networks.definition import recipe, seeds
 from neurotact.networks.definition.specs import RSNNSpec, void_keys
-from neurotact.networks.training import epoch_checkpoint, numbers, run_folder, tasks, trainer
+from neurotact.networks.training import epoch_checkpoint, events, numbers, run_folder, tasks, trainer
 from neurotact.networks.training.epochs import Checkpoint, Epoch
 from neurotact.networks.training.model_selection import Choice
 from neurotact.networks.training.outcome import Chosen, Outcome, outcome_of
@@ -30,6 +30,7 @@ from neurotact.networks.training.tasks import Sides, Task
 from neurotact.networks.training.trainer import Trained
 from neurotact.progress import track
 from neurotact.spec import Spec, build, digest, read, saved, to_toml, unsaved
+from neurotact.tables import write_table
 from neurotact.versions import versions
 
 T = TypeVar("T")
@@ -37,7 +38,8 @@ ASKED = "train.toml"
 CHECKPOINT = "checkpoint.safetensors"
 CHOICE, LAST = "choice.json", "last.safetensors"
 RESULT = "result.json"
-LEFT = (RESULT, CHECKPOINT, LAST, CHOICE, run_folder.LOG, run_folder.WEIGHTS, run_folder.NETWORK, ASKED)
+OF_DETECTOR = "events.csv", "operating_curve.csv"
+LEFT = (RESULT, *OF_DETECTOR, CHECKPOINT, LAST, CHOICE, run_folder.LOG, run_folder.WEIGHTS, run_folder.NETWORK, ASKED)
 """All files of a training; the files that show its end or its progress are removed first."""
 SECONDS_BETWEEN = 1.0
 """Least time between two checkpoints: short epochs are not slowed down by writing."""
@@ -100,7 +102,9 @@ def run(
         check_stratify(trains.conditions, task.stratify, task.split)
         seen = tasks.seen(trains, task)
         tasks.warn_of_onsets(trains, task.window)
-        chosen = recipe.resolve(numbers.spec_for(network, task.target), seen)
+        if task.detects:
+            network = events.tool("detector_network")(network, task.window)
+        chosen = recipe.resolve(numbers.spec_for(network, task.numbers), seen)
         effects.check_keys(given, [void_keys(chosen)], "network")
         request = _Asked(
             spikes=os.path.relpath(spikes, folder),
@@ -200,6 +204,8 @@ class _Run:
         """Save the network and its results."""
         run_folder.save(fitted, self.folder, self.trains, self.spikes, task)
         outcome = outcome_of(fitted, sides, self.trains, task, chosen=chosen)
+        for name, table in outcome.tables.items():
+            write_table(table, self.folder / name)
         files.write_json(self.folder / RESULT, outcome.as_json())
         return outcome
 

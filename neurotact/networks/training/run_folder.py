@@ -10,6 +10,7 @@ import json
 import os
 import sys
 from collections.abc import Mapping
+from dataclasses import replace
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -31,7 +32,9 @@ from neurotact.networks.definition.network import Network
 from neurotact.networks.definition.rsnn import RSNN
 from neurotact.networks.definition.specs import RSNNSpec
 from neurotact.networks.exit.patience import ExitChoice
+from neurotact.networks.exit.refusal import Refusal
 from neurotact.networks.exit.rule import FULL_WINDOW, ExitRule
+from neurotact.networks.training.events import DetectorSpec
 from neurotact.networks.training.provenance import Provenance, provenance_of
 from neurotact.networks.training.ranges import Ranges, SavedRanges, recorded
 from neurotact.networks.training.tasks import Task, load_spikes, names_of, sides_of, trials_of
@@ -224,9 +227,11 @@ def save(
         **({} if trains.recorded_Hz is None else {"recorded_Hz": trains.recorded_Hz}),
         **({} if trained.has_own_rule else {"has_own_rule": False}),
         **({} if trained.held is None else {"exit_losses": {**trained.held.losses}}),
+        **({} if trained.refusal is None else {"refusal": trained.refusal._asdict()}),
         "best_epoch": trained.training.best.epoch,
         **({} if n_members == 1 else {"joined": {"networks": n_members, "hidden": n_hidden // n_members}}),
         **({} if found is None else {"ranges": found._asdict()}),
+        **({} if trained.detector is None else {"detector": trained.detector.model_dump()}),
         **provenance_of(trains, sides).model_dump(mode="json"),
         **(more or {}),
     }
@@ -256,9 +261,12 @@ class Restored(NamedTuple):
     """Of the afferents of an array that a network was fitted to in memory; None if it had none."""
 
     held: ExitChoice | None = None
+    refusal: Refusal | None = None
     """As of `trainer.Trained`."""
     ranges: Ranges | None = None
     """Of values on its training trials; None where their recordings were not found."""
+    detector: DetectorSpec | None = None
+    """As of `trainer.Trained`."""
     source: str = "run"
     """Its folder, or what it was in memory, for messages."""
 
@@ -283,18 +291,17 @@ class Restored(NamedTuple):
         return self.names if self.provenance is None else self.provenance.afferents
 
     def of_classes(self, what: str) -> "Restored":
-        """The network itself; InputError for one that tells numbers, which `what` has no use for."""
+        """The network itself; InputError for one with a target, which `what` has no use for."""
         if target := self.task.target:
-            raise InputError(
-                f"{self.source}: tells numbers ({', '.join(target)}), and {what} needs classes; train without `target`"
-            )
+            tells = "detects events" if self.task.detects else f"tells numbers ({', '.join(target)})"
+            raise InputError(f"{self.source}: {tells}, and {what} needs classes; train without `target`")
         return self
 
     def exits(self, early_exit: bool = True) -> ExitRule:
         """The rule by which it decides: that of early exit if asked for and used (`patience.ExitChoice.used`)."""
-        if not early_exit:
-            return FULL_WINDOW
-        return self.rule if self.held is None else self.held.used
+        used = self.rule if self.held is None else self.held.used
+        rule, refusal = used if early_exit else FULL_WINDOW, self.refusal
+        return rule if refusal is None else replace(rule, least_lead=refusal.whole if rule.never else refusal.early)
 
 
 class _Extra(Provenance):
@@ -307,8 +314,10 @@ class _Extra(Provenance):
     gone = {"exit_margin": None}
     has_own_rule: bool = True
     exit_losses: dict[int, float] | None = None
+    refusal: Refusal | None = None
     ranges: SavedRanges | None = None
     recorded_Hz: float | None = Field(default=None, gt=0)
+    detector: DetectorSpec | None = None
 
 
 def files_of(folder: str | Path) -> list[Path]:
@@ -345,7 +354,7 @@ def restore(
     return Restored(
         network.to(device), known.task, rule, known.classes, tuple(places), known.encoder, provenance,
         extra.get("fine_tuned"), known.recorded_Hz, known.has_own_rule, held=held, ranges=known.ranges,
-        source=str(folder),
+        refusal=known.refusal, detector=known.detector, source=str(folder),
     )  # fmt: skip
 
 

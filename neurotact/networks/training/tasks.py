@@ -7,6 +7,7 @@ from pathlib import Path
 from typing import Any, Literal, NamedTuple
 
 import numpy as np
+import pandas as pd
 import torch
 from pydantic import Field
 
@@ -20,9 +21,11 @@ from neurotact.data.trial_choice import LeaveOut, TrialChoice, Where, chosen_tri
 from neurotact.data.window_choice import ARGUMENTS, Words, suited_window
 from neurotact.data.windows import Windows, WindowSpec
 from neurotact.errors import InputError
+from neurotact.metrics.synops import REFUSED
 from neurotact.networks.definition import recipe
-from neurotact.networks.definition.learned import Balance
-from neurotact.networks.training import balancing, numbers
+from neurotact.networks.definition.learned import Balance, LearnSpec
+from neurotact.networks.definition.specs import RSNNSpec
+from neurotact.networks.training import balancing, events, numbers
 from neurotact.networks.training.epochs import Examples
 from neurotact.networks.training.provenance import SIDES
 from neurotact.progress import Tell
@@ -49,6 +52,8 @@ class Task(Spec):
     exit_choice: Literal["least", "steady"] = "least"
     """least: the least patience within the tolerance on validation windows, as in the texture paper's studies. steady:
     the patience from which on all are within it, on validation windows, and on these and training windows together."""
+    refuse: float | None = Field(default=None, gt=0, lt=1, exclude_if=lambda share: share is None)
+    """Share of known touches that may be refused, so that others are (`exit.refusal`); if absent, each has a class."""
     augmentation: str = NONE
     """Which varied copies of training trials are trained on, too: their kind, or `none`."""
     balance: Balance = "none"
@@ -56,7 +61,12 @@ class Task(Spec):
     varied_validation: bool = False
     """Whether validation is on these copies of validation trials, too: where it cannot leave out a condition."""
     target: OneOrMore = Field(default=(), exclude_if=lambda target: not target)
-    """The conditions whose numbers a network tells of a window; if there are none, it tells the class of the trial."""
+    """The conditions whose numbers a network tells of a window; if there are none, it tells the class of the trial.
+    `events`: it tells the mark in force at the end of a window."""
+    false_alarms_per_h: float | None = Field(default=None, ge=0, exclude_if=lambda rate: rate is None)
+    """Of a detector, how many false alarms are allowed on validation recordings; 10 when absent."""
+    parts: int = Field(default=1, ge=1, exclude_if=lambda n: n == 1)
+    """In how many parts each recording is cut in time, which are then the trials."""
     seen: float = Field(default=0.0, ge=0, lt=1)
     """Share of the training trials that are kept for a test at the conditions of training."""
     gone = {"exit_by": "stability"}
@@ -65,6 +75,16 @@ class Task(Spec):
     def choice(self) -> TrialChoice:
         """The trials that are used."""
         return TrialChoice(self.where, self.leave_out)
+
+    @property
+    def detects(self) -> bool:
+        """Whether events are learned."""
+        return self.target == (events.TARGET,)
+
+    @property
+    def numbers(self) -> tuple[str, ...]:
+        """The conditions whose numbers are learned."""
+        return () if self.detects else tuple(self.target)
 
     @property
     def balanced_columns(self) -> list[str]:
@@ -85,6 +105,7 @@ def task_of(
     exit_tolerance: float = 0.01,
     where: Any = None,
     leave_out: Any = None,
+    learn: LearnSpec = LearnSpec(),
 ) -> Task:
     """The task that the arguments of a command or a call describe; InputError names `source` and the wrong value.
 
@@ -92,18 +113,30 @@ def task_of(
     """
     choice = TrialChoice.of(where, leave_out)._asdict()
     table = {"window": window, "split": split.one, "stratify": split.stratify, "exit_tolerance": exit_tolerance}
-    return build(Task, {**table, **choice, "exit_choice": "steady"}, source=source)
+    return build(Task, {**table, **choice, **learn.model_dump(), "exit_choice": "steady"}, source=source)
 
 
 def of_file(
     source: str, spikes: str | Path, window: WindowSpec, split: Splits, exit_tolerance: float = 0.01,
-    where: Any = None, leave_out: Any = None,
+    where: Any = None, leave_out: Any = None, learn: LearnSpec = LearnSpec(), network: RSNNSpec = RSNNSpec(),
 ) -> tuple[SpikeTrains, Task]:  # fmt: skip
-    """The spike trains of a file and the task of `task_of` on them, with windows that suit them."""
+    """The spike trains of a file and the task of `task_of` on them, with windows that suit them, or the network."""
     path = path_of(spikes)
-    task = task_of(source, window, split, exit_tolerance, where, leave_out)
+    task = task_of(source, window, split, exit_tolerance, where, leave_out, learn)
     trains = load_spikes(path, task, tell=True)
+    if task.detects:
+        suited = events.tool("detector_windows")(task.window, network)
+        task = task.model_copy(update={"window": suited, "parts": events.tool("parts_for")(trains, suited)})
+        return events.in_parts(trains, task.parts), task
     return trains, with_suited_window(task, trains, ARGUMENTS)
+
+
+def check_refuse(trains: SpikeTrains, task: Task) -> None:
+    """InputError if the task refuses touches where they cannot be told from known ones."""
+    if task.refuse is not None and task.target:
+        raise InputError("refuse: is for classes, and a target is of numbers; give one of them")
+    if task.refuse is not None and REFUSED in names_of(trains, task):
+        raise InputError(f"refuse: '{REFUSED}' is a class already; leave it out, or give it another name")
 
 
 def path_of(spikes: object) -> Path:
@@ -122,7 +155,7 @@ def with_suited_window(task: Task, trains: SpikeTrains, words: Words) -> Task:
 
 def load_spikes(path: str | Path, task: Task, *, tell: bool = False) -> SpikeTrains:
     """The spike trains of the trials that a task uses; with `tell` a line says how many they are."""
-    return chosen_trials(hdf5.load_spikes(path), task.choice, str(path), tell=tell)
+    return events.in_parts(chosen_trials(hdf5.load_spikes(path), task.choice, str(path), tell=tell), task.parts)
 
 
 def kind_of_copies(trains: SpikeTrains, given: str | None, tell: Tell) -> str:
@@ -158,7 +191,7 @@ def sides_of(trains: SpikeTrains, task: Task, split: Split | None = None) -> Sid
     """
     sides = trials_of(trains, task, split)
     train, of = _with_copies(trains, task, sides.train)
-    train = train._replace(weights=_weights(trains, task, of))
+    train = train._replace(weights=_weights(_learned(trains, task, of, train.labels), task))
     if task.varied_validation:
         validation, held = _with_copies(trains, task, sides.validation)
     else:
@@ -205,9 +238,15 @@ def seen_side(trains: SpikeTrains, task: Task) -> Examples | None:
     return examples_of(trains, kept, task)[0] if len(kept) else None
 
 
-def _weights(trains: SpikeTrains, task: Task, of: np.ndarray) -> torch.Tensor | None:
-    """The weights of training windows, `(window,)` float32; None if they are all 1. of: the trial of each window."""
-    found = balancing.weights(trains.conditions.iloc[of], task.balance, task.balanced_columns)
+def _learned(trains: SpikeTrains, task: Task, of: np.ndarray, labels: torch.Tensor) -> pd.DataFrame:
+    """The conditions of windows, with the label that is learned. of: the trial of each."""
+    table = trains.conditions.iloc[of]
+    return table.assign(**{LABEL: labels.numpy()}) if task.detects else table
+
+
+def _weights(conditions: pd.DataFrame, task: Task) -> torch.Tensor | None:
+    """The weights of training windows, `(window,)` float32; None if they are all 1. conditions: of each window."""
+    found = balancing.weights(conditions, task.balance, task.balanced_columns)
     return None if found is None else torch.from_numpy(found.astype(np.float32))
 
 
@@ -215,8 +254,10 @@ def balance_note(trains: SpikeTrains, task: Task) -> list[str]:
     """What the balance of a task changes, in one line; none without one."""
     if task.balance == "none":
         return []
-    of = np.concatenate([cut.trial for cut in _cuts(trains, task, trials_of(trains, task).train)])
-    return [balancing.note(trains.conditions.iloc[of], task.balance, task.balanced_columns)]
+    cuts = [*_cuts(trains, task, trials_of(trains, task).train)]
+    labels = torch.cat([labels_of(trains, replace(cut.windows, trial=cut.trial), task) for cut in cuts])
+    conditions = _learned(trains, task, np.concatenate([cut.trial for cut in cuts]), labels)
+    return [balancing.note(conditions, task.balance, task.balanced_columns)]
 
 
 class _Cut(NamedTuple):
@@ -269,11 +310,13 @@ def trials_of(trains: SpikeTrains, task: Task, split: Split | None = None) -> Sp
     empty = [name for name, side in zip(SIDES, sides, strict=True) if not len(side)]
     if empty:
         raise InputError(f"split: no {empty[0]} trial is left within the subset {task.subset}; split otherwise")
-    if task.target:
-        numbers.check(trains.conditions, task.target, sides.train)
+    if task.numbers:
+        numbers.check(trains.conditions, task.numbers, sides.train)
         return sides
-    names = names_of(trains, task)  # gathered from all trials at every call
-    known = [names[label] for label in np.unique(trains.labels[sides.train])]
+    names, labels = names_of(trains, task), trains.labels[sides.train]  # gathered from all trials at every call
+    if task.detects:
+        labels = events.labels_of(trains, trains.cut(task.training_window, sides.train))
+    known = [names[label] for label in np.unique(labels)]
     if len(known) < 2:
         raise InputError(
             f"spikes: the training trials hold too few classes ({', '.join(known) or 'none'}); give at least two"
@@ -285,10 +328,11 @@ def _split(trains: SpikeTrains, task: Task) -> Split:
     """The split that a task draws."""
     if not task.target:
         return split_touches(trains, task.stratify, task.split)
-    chosen = task.split
+    chosen, groups = task.split, 0
     table, is_random = trains.conditions, not (chosen.test_where or chosen.group or chosen.order)
-    numbers.check(table, task.target, np.arange(len(table)))
-    groups = numbers.groups_of(table, task.target) if is_random else 0
+    if task.numbers:
+        numbers.check(table, task.numbers, np.arange(len(table)))
+        groups = numbers.groups_of(table, task.numbers) if is_random else 0
     return split_conditions(table.assign(**{LABEL: groups}), task.stratify, chosen, copies_of(trains).first)
 
 
@@ -329,16 +373,20 @@ def labels_of(trains: SpikeTrains, windows: Windows, task: Task) -> torch.Tensor
     """What a network learns of windows.
 
     The index of the class of each one's trial, `(window,)` int64; of a task with a target the numbers of the trial,
-    `(window, target)` float32.
+    `(window, target)` float32; of a detector the index of the label in force at the end.
     """
+    if task.detects:
+        return events.labels_of(trains, windows)
     if task.target:
-        return torch.from_numpy(numbers.of_trials(trains.conditions, task.target)[windows.trial])
+        return torch.from_numpy(numbers.of_trials(trains.conditions, task.numbers)[windows.trial])
     return torch.from_numpy(trains.labels[windows.trial])
 
 
 def names_of(trains: SpikeTrains, task: Task | None = None) -> tuple[str, ...]:
     """The names of the readout neurons: the targets, or the classes of all trials, into which labels are indices."""
-    return tuple(task.target) if task is not None and task.target else trains.classes
+    if task is None or not task.target:
+        return trains.classes
+    return task.numbers or events.names_of(trains)
 
 
 def seen(trains: SpikeTrains, task: Task) -> recipe.Seen:

@@ -17,11 +17,13 @@ from neurotact.networks.definition.network import Network
 from neurotact.networks.definition.specs import RSNNSpec
 from neurotact.networks.exit import patience
 from neurotact.networks.exit.patience import ExitChoice, Judged
+from neurotact.networks.exit.refusal import Refusal
 from neurotact.networks.exit.rule import FULL_WINDOW, ExitRule
 from neurotact.networks.training import ensemble
 from neurotact.networks.training.epochs import Checkpoint, Examples, Training
+from neurotact.networks.training.events import DetectorSpec, tool
 from neurotact.networks.training.numbers import spec_for
-from neurotact.networks.training.tasks import Sides, Task, names_of, sides_of
+from neurotact.networks.training.tasks import Sides, Task, names_of, sides_of, trials_of
 
 AT_ONCE = 256
 """Windows that are simulated together."""
@@ -39,7 +41,8 @@ class Trained(NamedTuple):
     """A network, the log of its training, and the exit rule chosen on its validation trials.
 
     has_own_rule: False if a training before chose the rule, at a condition that this one has. held: the rule with its
-    losses on trials that did not choose it, which decide whether it is used; None if it is given.
+    losses on trials that did not choose it, which decide whether it is used; None if it is given. refusal: by `refuse`.
+    detector: the rule of a detector, chosen on validation recordings.
     """
 
     network: Network
@@ -47,6 +50,8 @@ class Trained(NamedTuple):
     rule: ExitRule
     has_own_rule: bool = True
     held: ExitChoice | None = None
+    refusal: Refusal | None = None
+    detector: DetectorSpec | None = None
 
     def with_rule(self, rule: ExitRule, held: ExitChoice | None = None) -> "Trained":
         """The network with the exit rule that a training before it chose."""
@@ -78,7 +83,11 @@ def fit(
     _warn_of_silence(sides.train)
     how = {"device": device, "backend": backend, "progress": progress, "start": start, "keep": keep, "until": until}
     network, training = new_trained(trains, spec, seeds, sides.train, sides.validation, task=task, **how)
-    return finished(network.cpu(), training, sides, task), sides
+    done = finished(network.cpu(), training, sides, task)
+    if task.detects:
+        held = trials_of(trains, task, split).validation
+        done = done._replace(detector=tool("choose_detector")(network, trains, held, task))
+    return done, sides
 
 
 def new_trained(
@@ -125,12 +134,26 @@ def _warn_of_silence(training: Examples) -> None:
 
 
 def finished(network: Network, training: Training, sides: Sides, task: Task) -> Trained:
-    """A trained network, with the exit rule chosen on its validation windows; one of numbers has whole windows."""
+    """A trained network, with the exit rule chosen on its validation windows; one with a target has whole windows."""
     if task.target:
         return Trained(network, training, FULL_WINDOW)
     training_side = sides.train if task.exit_choice == "steady" else None
     held = exit_of(network, sides.validation, task.exit_tolerance, training_side)
-    return Trained(network, training, held.rule, held=held)
+    return refusing(Trained(network, training, held.rule, held=held), sides.validation, task)
+
+
+def refusing(trained: Trained, validation: Examples, task: Task) -> Trained:
+    """The network with the least leads of its decisions by its exit rule, if the task refuses a share of touches."""
+    return trained._replace(refusal=refusal_of(trained.network, trained.rule, validation, task))
+
+
+def refusal_of(network: Network, exit_rule: ExitRule, validation: Examples, task: Task) -> Refusal | None:
+    """The least leads of the decisions on validation windows; None if the task refuses none."""
+    if task.refuse is None:
+        return None
+    spikes, of = validation.spikes.to(network.device), validation.of
+    whole, early = (network.infer(spikes, rule).readout.cpu() for rule in (FULL_WINDOW, exit_rule))
+    return Refusal.of(task.refuse, whole, early, len(spikes) if of is None else len(of.unique()))
 
 
 def new_network(
@@ -143,7 +166,7 @@ def new_network(
     task: as for `tasks.names_of`.
     """
     weights, order = (torch.Generator().manual_seed(seed) for seed in seeds)
-    names, spec = names_of(trains, task), spec_for(spec, task.target if task else ())
+    names, spec = names_of(trains, task), spec_for(spec, task.numbers if task else ())
     return begin(training, len(names), spec, trains.sampling_rate_Hz, weights, backend=backend), order
 
 

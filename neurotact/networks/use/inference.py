@@ -9,6 +9,7 @@ from neurotact.data.spikes import SpikeTrains
 from neurotact.data.windows import left_out
 from neurotact.errors import InputError
 from neurotact.metrics import synops
+from neurotact.networks.training.events import tool
 from neurotact.networks.training.provenance import Provenance, first_difference
 from neurotact.networks.training.run_folder import Restored
 from neurotact.networks.training.tasks import examples_of, warn_of_onsets
@@ -33,14 +34,16 @@ def infer(
 
     test_only: leave out all trials but the network's own test trials.
     allow_other_encoder: warn of spikes with another encoder than in training, instead of refusing them.
-    Raises InputError for spikes of another encoder, other afferents, another clock or unknown classes.
+    Raises InputError for spikes of another encoder, other afferents, another clock or, unless the network refuses
+    touches that are none of its classes, unknown classes.
     """
-    unknown = sorted(set(trains.classes) - set(restored.classes))
-    target = restored.task.target
-    if unknown and not target:
+    unknown, target = sorted(set(trains.classes) - set(restored.classes)), restored.task.target
+    if unknown and not target and restored.refusal is None:
         raise InputError(f"spikes: class '{unknown[0]}' is not a class of the network ({', '.join(restored.classes)})")
     check_same_input(restored, trains, allow_other_encoder)
     known = restored.provenance
+    if restored.detector is not None:
+        return tool("detected_events")(restored, trains, test_only=test_only)
     sides = np.full(len(trains), synops.UNKNOWN) if known is None else known.sides(trains)
     trials = _tested(trains, known) if test_only else np.arange(len(trains))
     warn_of_onsets(trains.select(trials), restored.task.window)
@@ -58,7 +61,7 @@ def infer(
     table = synops.table_of(
         synops_of(result, network),
         labels=np.array(trains.classes)[trains.labels[windows.trial]],
-        predicted=labels if target else np.array(restored.classes)[labels],
+        predicted=labels if target else np.array([*restored.classes, synops.REFUSED])[labels],
         steps=steps,
         input_spikes=input_spikes,
         hidden_spikes=hidden_spikes,

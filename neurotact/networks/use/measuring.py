@@ -16,6 +16,7 @@ from neurotact.metrics import synops
 from neurotact.networks.definition.network import CountedInference, Inference, Network
 from neurotact.networks.exit import truncated
 from neurotact.networks.exit.patience import oracle_exit
+from neurotact.networks.exit.rule import leads
 from neurotact.networks.training.epochs import GAINS, Examples, right
 from neurotact.networks.training.tasks import Sides, Task, examples_of
 from neurotact.networks.training.trainer import Trained
@@ -49,6 +50,7 @@ def measure(trained: Trained, sides: Sides, populations: Mapping[str, np.ndarray
         "exit_accuracy_validation": exit_accuracy(trained, sides.validation),
         **({} if (held := trained.held) is None else {"exit_loss_bound": held.bound}),
         **means(full, network, test, populations),
+        **_answered(trained, full, early, test),
         "exit_steps": float(steps.mean()),
         "exit_accuracy": accuracy_of(early, test),
         "exit_sops_total": float(exit_cost.total.mean()),
@@ -81,6 +83,16 @@ def measure(trained: Trained, sides: Sides, populations: Mapping[str, np.ndarray
 def _arriving(full: Inference, early: Inference) -> dict[str, float]:
     """The mean spikes into a network, where operations do not tell them: its first layer is its own matter, or none."""
     return {**_spikes("", full, SPIKES[:1]), **_spikes("exit_", early, SPIKES[:1])}
+
+
+def _answered(trained: Trained, full: Inference, early: Inference, test: Examples) -> dict[str, float]:
+    """The share of test windows that are not refused, and the accuracy of these; nothing if none may be refused."""
+    row, refusal = {}, trained.refusal
+    for before, found, least in () if refusal is None else (("", full, refusal.whole), ("exit_", early, refusal.early)):
+        answered = (leads(found.readout) >= least).cpu().numpy()
+        right = np.array(right_of(found, test))[answered]
+        row |= {f"{before}answered": float(answered.mean()), f"{before}accuracy_answered": float(right.mean())}
+    return row
 
 
 def _spikes(before: str, decided: Inference, names: Sequence[str] = SPIKES) -> dict[str, float]:

@@ -1,0 +1,277 @@
+"""A detector of events in a stream of values: its rule, step by step and on whole recordings, its choice and its test.
+
+A value of each label comes after each step of a network that runs on without a reset. A label leads where it is the
+largest by more than a threshold. It is in force from the step on at which it has led for so many steps in a row, where
+an event begins, unless the label is `marks.NONE`. What begins while its mark is in force is a hit, once; else a false
+alarm.
+"""
+
+from collections.abc import Iterable, Iterator, Sequence
+from itertools import pairwise, product
+from typing import Any, NamedTuple
+
+import numpy as np
+import pandas as pd
+import torch
+from neurotact_parts.streams.long_recordings import PART_S, RECORDING
+
+from neurotact.data import marks
+from neurotact.data.spikes import SpikeTrains
+from neurotact.data.windows import Windows, whole_steps
+from neurotact.errors import InputError
+from neurotact.metrics import synops
+from neurotact.metrics.shares import wilson_interval
+from neurotact.networks.definition.network import Network
+from neurotact.networks.training import numbers
+from neurotact.networks.training.events import DetectorSpec, in_parts, names_of
+from neurotact.networks.training.run_folder import Restored
+from neurotact.networks.training.tasks import Task
+
+THRESHOLDS = 40
+"""How many thresholds are tried: quantiles of the lead on validation recordings."""
+FALSE_ALARMS_PER_H = 10.0
+"""Where a task does not say how many are allowed."""
+COLUMNS = ["trial", "label", "start_s", "stop_s", "detected_s", "ended_s", "delay_ms", "outcome"]
+HIT, MISS, FALSE_ALARM, REPEAT, BEGUN = "hit", "miss", "false alarm", "repeat", "begun before"
+"""What becomes of a mark or a detection; `BEGUN`: in a mark that begins with the recording, whose onset is unknown."""
+
+
+class Standing(NamedTuple):
+    """The label in force, the one that leads (-1: none), and for how many steps it has."""
+
+    current: int = 0
+    leading: int = -1
+    led: int = 0
+
+    def after(self, values: np.ndarray, rule: DetectorSpec) -> "Standing":
+        """One step later; values: of each label, `(label,)`.
+
+        >>> first = Standing().after(np.array([0.0, 2.0]), rule := DetectorSpec(threshold=1, steps=2))
+        >>> first.current, first.after(np.array([0.0, 2.0]), rule).current
+        (0, 1)
+        """
+        leading = int(_leading(values[None], rule)[0])
+        led = self.led + 1 if leading == self.leading else 1
+        return Standing(leading if leading >= 0 and led >= rule.steps else self.current, leading, led)
+
+
+def _leading(values: np.ndarray, rule: DetectorSpec) -> np.ndarray:
+    """The label that leads after each step, `(step,)`; -1: none by more than the threshold."""
+    return np.where(lead_of(values) > rule.threshold, values.argmax(axis=1), -1)
+
+
+def lead_of(values: np.ndarray) -> np.ndarray:
+    """By how much the largest value exceeds the next one, `(step,)`."""
+    ordered = np.sort(values, axis=1)
+    return ordered[:, -1] - ordered[:, -2]
+
+
+def changes(values: np.ndarray, rule: DetectorSpec) -> Iterator[tuple[int, int]]:
+    """The steps at which another label comes into force, and that label: as `Standing.after` step by step.
+
+    >>> [*changes(np.array([[0.0, 2.0]] * 3 + [[2.0, 0.0]] * 2), DetectorSpec(threshold=1, steps=2))]
+    [(1, 1), (4, 0)]
+    """
+    leading, current = _leading(values, rule), 0
+    begins = np.flatnonzero(np.diff(leading, prepend=-2))
+    for begin, length in zip(begins.tolist(), np.diff(begins, append=len(leading)).tolist(), strict=True):
+        label = int(leading[begin])
+        if label >= 0 and label != current and length >= rule.steps:
+            yield begin + rule.steps - 1, label
+            current = label
+
+
+class Heard(NamedTuple):
+    """A recording as a detector hears it: values `(step, label)`, and its marks as label, start and stop."""
+
+    trial: int
+    values: np.ndarray
+    step_s: float
+    lasts_s: float
+    marked: list[tuple[int, float, float]]
+
+
+@torch.no_grad()
+def values_of(network: Network, trains: SpikeTrains, trial: int) -> np.ndarray:
+    """The value of each label after each whole step of the network, through a trial without reset, `(step, label)`."""
+    n_steps = int(trains.trial_steps[trial]) // network.steps_per_bin * network.steps_per_bin
+    whole = trains.raster(Windows(np.array([trial]), np.zeros(1, np.int64), n_steps))
+    gained = network.simulate(torch.from_numpy(whole).to(network.device)).readout[0].cpu()
+    integration = network.integration
+    assert integration is not None
+    return torch.stack([*integration.cpu().over(gained)]).numpy()
+
+
+def heard(network: Network, trains: SpikeTrains, trials: Iterable[int], names: Sequence[str]) -> list[Heard]:
+    """Recordings, each through a network without reset. names: of its labels."""
+    index, rate_Hz = {name: number for number, name in enumerate(names)}, trains.sampling_rate_Hz
+    table = pd.DataFrame(columns=marks.COLUMNS) if trains.marks is None else trains.marks
+    found = []
+    for trial in map(int, trials):
+        own = table[table["trial"] == trial]
+        marked = [(index.get(row.label, -1), float(row.start_s), float(row.stop_s)) for row in own.itertuples()]
+        values, lasts_s = values_of(network, trains, trial), float(trains.trial_steps[trial] / rate_Hz)
+        found.append(Heard(trial, values, network.steps_per_bin / rate_Hz, lasts_s, marked))
+    return found
+
+
+def rows_of(one: Heard, rule: DetectorSpec) -> list[tuple[Any, ...]]:
+    """What became of the marks of a recording and of what was detected, as `COLUMNS`, labels by their numbers."""
+    rows, hit, none = [], set(), float("nan")
+    begun = [((step + 1) * one.step_s, label) for step, label in changes(one.values, rule)]
+    for (time_s, label), (ended_s, _) in pairwise([*begun, (one.lasts_s, 0)]):
+        if not label:
+            continue
+        place = next((i for i, (its, a, b) in enumerate(one.marked) if its == label and a <= time_s <= b), None)
+        its, start_s, stop_s = (label, none, none) if place is None else one.marked[place]
+        outcome = FALSE_ALARM if place is None else REPEAT if place in hit else HIT if start_s > 0 else BEGUN
+        hit |= {place}
+        delay_ms = 1e3 * (time_s - start_s) if outcome == HIT else none
+        rows.append((one.trial, its, start_s, stop_s, time_s, ended_s, delay_ms, outcome))
+    missed = [mark for i, mark in enumerate(one.marked) if i not in hit and mark[1] > 0]
+    return rows + [(one.trial, *mark, none, none, none, MISS) for mark in missed]
+
+
+class Tally(NamedTuple):
+    """Delays of hits in ms, and the recording of each; counts; hours that were listened to."""
+
+    delays_ms: np.ndarray
+    trials: np.ndarray
+    missed: int
+    false_alarms: int
+    hours: float
+
+    @property
+    def per_h(self) -> float:
+        """False alarms an hour."""
+        return self.false_alarms / self.hours
+
+    @property
+    def share(self) -> float:
+        """The share of events that are found; NaN where there are none."""
+        n = len(self.delays_ms) + self.missed
+        return len(self.delays_ms) / n if n else float("nan")
+
+    @property
+    def delay_ms(self) -> float:
+        """The mean delay of hits; NaN without one."""
+        return float(self.delays_ms.mean()) if len(self.delays_ms) else float("nan")
+
+
+def tally(recordings: Sequence[Heard], rule: DetectorSpec) -> Tally:
+    """What a rule comes to on recordings."""
+    rows = [row for one in recordings for row in rows_of(one, rule)]
+    hits = [(row[6], row[0]) for row in rows if row[7] == HIT]
+    delays, trials = np.array(hits).reshape(-1, 2).T
+    missed, wrong = (sum(row[7] == what for row in rows) for what in (MISS, FALSE_ALARM))
+    return Tally(delays, trials, missed, wrong, sum(one.lasts_s for one in recordings) / 3600)
+
+
+def thresholds(recordings: Sequence[Heard]) -> list[float]:
+    """The thresholds that are tried, ascending."""
+    leads = np.concatenate([lead_of(one.values) for one in recordings])
+    return sorted({0.0, *np.quantile(leads, np.linspace(0, 1, THRESHOLDS)).tolist()})
+
+
+def choose(network: Network, trains: SpikeTrains, trials: Iterable[int], task: Task) -> DetectorSpec:
+    """The rule for at most as many false alarms an hour on validation recordings as a task allows.
+
+    Of these, the one with most hits, then with the least delay; where none is so rare, the one with the fewest. A label
+    leads for half of a window at most.
+    """
+    recordings, most_per_h = heard(network, trains, trials, names_of(trains)), task.false_alarms_per_h
+    most_per_h = FALSE_ALARMS_PER_H if most_per_h is None else most_per_h
+    longest = whole_steps(task.window.length_ms, trains.sampling_rate_Hz) // network.steps_per_bin
+    steps = [2**power for power in range(max(1, longest // 2).bit_length())]
+    rules = [DetectorSpec(threshold=least, steps=n) for n, least in product(steps, thresholds(recordings))]
+
+    def merit(rule: DetectorSpec) -> tuple[float, ...]:
+        found = tally(recordings, rule)
+        return max(0.0, found.per_h - most_per_h), found.missed, found.delays_ms.sum(), -rule.threshold
+
+    return min(rules, key=merit)
+
+
+def judge(
+    network: Network, trains: SpikeTrains, trials: Iterable[int], rule: DetectorSpec
+) -> tuple[dict[str, float], dict[str, pd.DataFrame], list[str]]:
+    """What a detector comes to on test recordings, as columns of results; its tables, by their files; lines of words.
+
+    Intervals are of 95 %: of the share of hits Wilson's, of the rate of false alarms that of a Poisson count (Garwood
+    1936), of the delay that of recordings drawn with replacement.
+    """
+    from scipy.stats import chi2
+
+    names = names_of(trains)
+    recordings = heard(network, trains, trials, names)
+    found, n = tally(recordings, rule), 2 * tally(recordings, rule).false_alarms
+    n_events = len(found.delays_ms) + found.missed
+    shares = wilson_interval(found.share, n_events) if n_events else (float("nan"),) * 2
+    rates = (chi2.ppf(0.025, n) / 2 if n else 0.0, chi2.ppf(0.975, n + 2) / 2)
+    delays = numbers.interval(found.delays_ms, found.trials) if len(found.delays_ms) else (float("nan"),) * 2
+    row = {
+        "events_test": n_events, "hits": len(found.delays_ms), "misses": found.missed, "hit_share": found.share,
+        "hit_share_low": shares[0], "hit_share_high": shares[1], "false_alarms": found.false_alarms,
+        "false_alarms_per_h": found.per_h, "false_alarms_per_h_low": float(rates[0] / found.hours),
+        "false_alarms_per_h_high": float(rates[1] / found.hours), "delay_ms": found.delay_ms,
+        "delay_ms_low": delays[0], "delay_ms_high": delays[1], "tested_s": 3600 * found.hours,
+        "detector_threshold": rule.threshold, "detector_steps": rule.steps,
+    }  # fmt: skip
+    curve = []
+    for least in thresholds(recordings):
+        at = tally(recordings, rule.model_copy(update={"threshold": least}))
+        curve.append((least, rule.steps, at.share, at.per_h, at.delay_ms))
+    columns = ["threshold", "steps", "hit_share", "false_alarms_per_h", "delay_ms"]
+    tables = {
+        "events.csv": events_of(trains, recordings, rule, names),
+        "operating_curve.csv": pd.DataFrame(curve, columns=columns),
+    }
+    return row, tables, [*_lines(row)]
+
+
+def events_of(
+    trains: SpikeTrains, recordings: Sequence[Heard], rule: DetectorSpec, names: Sequence[str]
+) -> pd.DataFrame:
+    """What became of each mark and of each detection, a row each, with times from the begin of the recording."""
+    rows = [row for one in recordings for row in rows_of(one, rule)]
+    table = pd.DataFrame(rows, columns=COLUMNS).assign(label=[names[row[1]] if row[1] >= 0 else "" for row in rows])
+    if trains.marks is None:
+        table["outcome"] = ""
+    if PART_S in trains.conditions:
+        parts = trains.conditions.iloc[table["trial"]].reset_index(drop=True)
+        for name in ("start_s", "stop_s", "detected_s", "ended_s"):
+            table[name] += parts[PART_S]
+        table["trial"] = parts[RECORDING]
+    return table.sort_values(["trial", "detected_s"], ignore_index=True)
+
+
+def detected(restored: Restored, trains: SpikeTrains, *, test_only: bool = False) -> pd.DataFrame:
+    """`events_of` recordings, and the side of each: parts of those that a detector was trained on, whole others.
+
+    test_only: of its test recordings alone.
+    """
+    known, rule = restored.provenance, restored.detector
+    assert known is not None
+    assert rule is not None
+    parts = in_parts(trains, restored.task.parts)
+    trains = parts if (known.sides(parts) != synops.UNSEEN).any() else trains
+    sides, tables = known.sides(trains), []
+    for trial in known.tested(trains) if test_only else range(len(trains)):
+        found = heard(restored.network, trains, [trial], restored.classes)
+        tables.append(events_of(trains, found, rule, restored.classes).assign(side=sides[trial]))
+    if not tables:
+        raise InputError("spikes: hold none of the detector's test recordings; give those that it was trained on")
+    return pd.concat(tables, ignore_index=True)
+
+
+def _lines(row: dict[str, float]) -> Iterator[str]:
+    """What a detector comes to, in words, from a row of results."""
+    yield (
+        f"events: {row['hits']} of {row['events_test']} found ({100 * row['hit_share']:.0f} %, 95 % interval "
+        f"{100 * row['hit_share_low']:.0f} to {100 * row['hit_share_high']:.0f} %), {row['misses']} missed; delay "
+        f"{row['delay_ms']:.0f} ms (95 % interval {row['delay_ms_low']:.0f} to {row['delay_ms_high']:.0f} ms)"
+    )
+    yield (
+        f"false alarms: {row['false_alarms']} in {row['tested_s']:.0f} s, {row['false_alarms_per_h']:.3g} an hour "
+        f"(95 % interval {row['false_alarms_per_h_low']:.3g} to {row['false_alarms_per_h_high']:.3g})"
+    )
