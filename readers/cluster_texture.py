@@ -8,8 +8,9 @@ in s and X, Y, Z in g, or force in N. The authors' copy at Hugging Face holds Pa
 from dataclasses import replace
 from pathlib import Path
 
+from neurotact_parts.readers import folder
+
 from neurotact.data.dataset import Reader
-from neurotact.data.readers import folder
 from neurotact.data.recordings import Recordings
 from neurotact.errors import InputError
 from neurotact.files import existing

@@ -15,6 +15,9 @@ from typing import Any, NamedTuple
 
 import h5py
 import numpy as np
+from neurotact_parts.readers.clock.stamps import row_times
+from neurotact_parts.readers.clock.trials import Read, recordings_of
+from neurotact_parts.readers.doubts import Fixes
 from neurotact_parts.readers.events.observed import Unobserved, observed_trials, touching, within
 from neurotact_parts.readers.events.spikes import BYTES_PER_EVENT, MOST_AFFERENTS, trains_with_ends
 from neurotact_parts.readers.events.times import SLACK, EventTimes, event_times
@@ -23,10 +26,7 @@ from pydantic import Field
 from neurotact.data.dataset import Reader
 from neurotact.data.digests import DIGEST, TOUCH
 from neurotact.data.hdf5_input import Declared, attribute, own_members, reading
-from neurotact.data.readers.clock.stamps import row_times
-from neurotact.data.readers.clock.trials import Read, recordings_of
 from neurotact.data.readers.columns import Samples
-from neurotact.data.readers.doubts import Fixes
 from neurotact.data.readers.table.cells import check_digits
 from neurotact.data.recordings import LABEL, Recordings
 from neurotact.data.spikes import SpikeTrains

@@ -16,11 +16,8 @@ from neurotact.data.dataset import reader as reader
 from neurotact.data.dataset import simulator as simulator
 from neurotact.data.description import MOST_TAXELS as MOST_TAXELS
 from neurotact.data.onset import common_onset_s
-from neurotact.data.readers import arrays, folder
-from neurotact.data.readers import one_table as sample_table
-from neurotact.data.readers.columns import OF_EVENTS, LayoutSpec
-from neurotact.data.readers.event_spec import EventSpec
-from neurotact.data.readers.folder import NamingSpec
+from neurotact.data.readers.columns import OF_ARRAYS, OF_EVENTS, LayoutSpec
+from neurotact.data.readers.specs import EventSpec, NamingSpec
 from neurotact.data.recordings import Recordings
 from neurotact.data.spikes import SpikeTrains
 from neurotact.data.trial_choice import TrialChoice, chosen_trials
@@ -30,8 +27,7 @@ from neurotact.progress import track
 from neurotact.repeated_warnings import in_few_lines
 from neurotact.spec import takes_specs
 
-ARRAY_NAMES = [arrays.SIGNALS, *arrays.ALIASES]
-EVENT_NAMES = [*OF_EVENTS, "polarity"]
+ARRAY_NAMES, EVENT_NAMES = OF_ARRAYS, [*OF_EVENTS, "polarity"]
 """What `names` of a file of arrays, and of one of events, may call by another name."""
 
 
@@ -102,7 +98,8 @@ def read_folder(
     Recordings(12 trials x 2 taxels, 60 samples at 1000 Hz (0.06 s), mV, 2 classes)
     """
     choice = TrialChoice.of(where, leave_out)
-    recordings = folder.read(path, sampling_rate_Hz, unit or "", naming=naming.given(), layout=layout.given())
+    read = plugins.load_function("tools", "import_folder")
+    recordings = read(path, sampling_rate_Hz, unit or "", naming=naming.given(), layout=layout.given())
     return chosen_trials(recordings, choice, str(path))
 
 
@@ -140,7 +137,8 @@ def read_table(
     spec = {"label": label, "trial": trial, "segments": segments, "annotations": annotations and str(annotations)}
     spec["keep_whole"] = keep_whole
     choice = TrialChoice.of(where, leave_out)._asdict()
-    return sample_table.read(path, sampling_rate_Hz, unit or "", {**layout.given(), **spec, **choice})
+    read = plugins.load_function("tools", "import_table")
+    return read(path, sampling_rate_Hz, unit or "", {**layout.given(), **spec, **choice})
 
 
 @in_few_lines
@@ -169,7 +167,8 @@ def read_arrays(
     Recordings(12 trials x 2 taxels, 60 samples at 1000 Hz (0.06 s), mV, 2 classes)
     """
     choice = TrialChoice.of(where, leave_out)
-    recordings = arrays.read(path, sampling_rate_Hz, unit or "", names=names, axes=axes, conditions=conditions)
+    read = plugins.load_function("tools", "import_arrays")
+    recordings = read(path, sampling_rate_Hz, unit or "", names=names, axes=axes, conditions=conditions)
     return chosen_trials(recordings, choice, str(path))
 
 

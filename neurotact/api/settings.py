@@ -2,8 +2,7 @@
 
 from neurotact.data.contact import OnsetSpec
 from neurotact.data.readers.columns import LayoutSpec
-from neurotact.data.readers.event_spec import EventSpec
-from neurotact.data.readers.folder import NamingSpec
+from neurotact.data.readers.specs import EventSpec, NamingSpec
 from neurotact.data.splits import Splits
 from neurotact.data.windows import WindowSpec
 from neurotact.networks.definition.learned import LearnSpec

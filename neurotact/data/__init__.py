@@ -22,23 +22,19 @@ Other rooms take:
     hdf5_output: Output, create
     marks: COLUMNS, NONE, labels_at
     onset: common_onset_s, onsets_s
-    readers.arrays: ALIASES, Loaded, SIGNALS, load, read
-    readers.clock.stamps: OF_GIVEN_RATE, of_length, of_rate, row_times
-    readers.clock.trials: Read, recordings_of
-    readers.clock.units: DAY_S, UNIT_S, Unit, unit_in, without_unit
-    readers.columns: LayoutSpec, OF_EVENTS, Samples, called, read_table
-    readers.doubts: Fixes
-    readers.event_spec: EventSpec, MOST_AFFERENTS, SIGNED_MATRIX, holds_events
-    readers.folder: NamingSpec, conditions_of, read
-    readers.formats: Arrays, Cells, Format, arrays_in, tables_in
+    readers.clock.units: DAY_S, FASTEST_HZ, HOUR_S, LONGEST_S, SHORTEST_S, SLOWEST_HZ, UNIT_S, Unit, apart,
+        is_time_of_day, joined, pair_in, seconds_of, timings, unit_in, without_unit
+    readers.columns: CHOICE, Clock, ColumnsSpec, GUESSES, LayoutSpec, Missing, OF_ARRAYS, OF_EVENTS, Samples,
+        called, check_rises, chosen_places, clock_of, evenly, is_index, is_text, read_table, samples_of, unit_of
+    readers.formats: Arrays, Cells, Format, arrays_in, holding, suffixes, tables_in
     readers.formats.contents: FLAC, HDF5, LVM, MATLAB, MCAP, NPY, NPZ, PARQUET, ROS_BAG, SOUND, SQLITE, TDMS, TORCH,
         ZIP, check_content, content_of, content_of_bytes, damaged_as
-    readers.formats.numpy_files: read_array, read_arrays
-    readers.one_table: read
-    readers.table.cells: COMMENT, DECIMAL_COMMA, Decimal, FLOAT32_MAX, MAX_CHANNELS, NOT_FINITE, NUMBER, THOUSANDS,
-        Table, as_signal, cells, check_digits, columns_of, grouping_of, is_value, lines_of, numbers, table_of,
+    readers.specs: EventSpec, FIELD, FILE, MOST_AFFERENTS, NamingSpec
+    readers.table.cells: COMMENT, DECIMAL_COMMA, Decimal, FLOAT32_MAX, LOOKED_AT, MAX_CHANNELS, NEAR_IN_FLOAT32,
+        NOT_FINITE, NUMBER, THOUSANDS, Table, as_signal, cells, check_digits, check_width, columns_of,
+        finite_called, grouping_of, has_decimals, is_gap, is_meant_as_number, is_value, lines_of, numbers, table_of,
         values_of
-    readers.table.headings: SEPARATOR_LINE, is_unit, named_table
+    readers.table.headings: SEPARATOR_LINE, check_first_row, is_unit, named_table, rate_in
     readers.table.texts: read_any_text, read_text, split_header
     recordings: LABEL, Recordings, Trials, check_channels, check_conditions, check_import, check_named_classes,
         check_sampling_rate, class_indices, class_names, default_channels, order_by_name, select_conditions,

@@ -15,7 +15,6 @@ from pydantic import Field, field_validator, model_validator
 from neurotact import plugins, spec
 from neurotact.data import doubtful, hdf5
 from neurotact.data.digests import content_digest
-from neurotact.data.readers import arrays
 from neurotact.data.recordings import Recordings
 from neurotact.data.spikes import SpikeTrains
 from neurotact.data.trial_choice import LeaveOut, TrialChoice, Where, chosen_trials, fewer_trials
@@ -105,7 +104,7 @@ Touches = TypeVar("Touches", bound=Recordings | SpikeTrains)
 
 
 class _ArraysSpec(Spec):
-    """A file of arrays, as `neurotact.data.readers.arrays` reads it."""
+    """A file of arrays, as `neurotact import arrays` reads it."""
 
     path: str
     """The file."""
@@ -247,7 +246,7 @@ def _simulated(spec: DatasetSpec, _: Path) -> Recordings:
 
 def _of_arrays(spec: DatasetSpec, path: Path) -> Recordings:
     assert spec.arrays is not None
-    return arrays.read(path, spec.arrays.sampling_rate_Hz, spec.arrays.unit)
+    return plugins.load_function("tools", "import_arrays")(path, spec.arrays.sampling_rate_Hz, spec.arrays.unit)
 
 
 _FROM: Mapping[str, Callable[[DatasetSpec, Path], Recordings | SpikeTrains]] = {

@@ -14,14 +14,15 @@ import numpy as np
 from neurotact_parts.readers.events import heidelberg, signed_matrix
 from neurotact_parts.readers.events.spikes import ROW, Events, EventSpec, joined, to_trains
 from neurotact_parts.readers.events.times import event_times, in_order
+from neurotact_parts.readers.folder import conditions_of
+from neurotact_parts.readers.numpy_files import read_array, read_arrays
 
 from neurotact.data.hdf5_input import EVENTS, Declared, opened
 from neurotact.data.readers.clock.units import UNIT_S, Unit, unit_in, without_unit
 from neurotact.data.readers.columns import OF_EVENTS, LayoutSpec, called, read_table
-from neurotact.data.readers.folder import NamingSpec, conditions_of
 from neurotact.data.readers.formats import arrays_in, tables_in
 from neurotact.data.readers.formats.contents import HDF5, LVM, MATLAB, NPY, NPZ, TDMS, ZIP, check_content
-from neurotact.data.readers.formats.numpy_files import read_array, read_arrays
+from neurotact.data.readers.specs import NamingSpec
 from neurotact.data.readers.table.cells import DECIMAL_COMMA, NUMBER, THOUSANDS, columns_of, grouping_of, values_of
 from neurotact.data.readers.table.headings import named_table
 from neurotact.data.recordings import LABEL

@@ -6,10 +6,10 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+from neurotact_parts.readers import arrays, folder
+from neurotact_parts.readers.clock.stamps import OF_GIVEN_RATE, of_rate
 from neurotact_parts.readers.events.spikes import MOST_AFFERENTS, OnClock, say_merged
 
-from neurotact.data.readers import arrays, folder
-from neurotact.data.readers.clock.stamps import OF_GIVEN_RATE, of_rate
 from neurotact.data.recordings import check_channels, check_conditions, check_import
 from neurotact.data.spikes import SpikeTrains, from_trials, spikes_of
 from neurotact.errors import InputError

@@ -8,9 +8,27 @@ from pathlib import Path
 
 import numpy as np
 
-from neurotact.data.readers.event_spec import SIGNED_MATRIX, holds_events
 from neurotact.data.readers.formats import Arrays
 from neurotact.errors import InputError
+
+SIGNED_MATRIX = "a matrix of -1, 0 and 1 with the times of its columns as the last row"
+"""One of the layouts of events, in words."""
+
+
+def holds_events(matrix: np.ndarray) -> bool:
+    """Whether a matrix is a `SIGNED_MATRIX`, of which the last row rises.
+
+    >>> holds_events(np.array([[1, 0, 0], [0, -1, 1], [0.1, 0.25, 0.3]]))
+    True
+    >>> holds_events(np.array([[1, 0, 0], [0, -1, 1], [0, 0, 1]])), holds_events(np.array([[1, 2], [0.1, 0.2]]))
+    (False, False)
+    """
+    if matrix.ndim != 2 or matrix.dtype.kind not in "iuf" or min(matrix.shape) < 2:
+        return False
+    rows, times, signs = matrix[:-1], matrix[-1], (-1, 0, 1)
+    if not (np.diff(times) >= 0).all() or np.isin(times, signs).all() or not np.isin(rows[0], signs).all():
+        return False  # as nearly all signals, which may be large
+    return bool(np.isin(rows, signs).all() and rows.any())
 
 
 def matrix_of(held: Arrays, path: Path) -> np.ndarray:

@@ -8,6 +8,7 @@ from functools import partial
 from typing import Any, NamedTuple
 
 import numpy as np
+from neurotact_parts.readers.clock.stamps import of_length
 from neurotact_parts.readers.events.times import (
     FLOAT_ERROR,
     MOST_COMPARED,
@@ -19,9 +20,8 @@ from neurotact_parts.readers.events.times import (
     steps_of,
 )
 
-from neurotact.data.readers.clock.stamps import of_length
-from neurotact.data.readers.event_spec import MOST_AFFERENTS as MOST_AFFERENTS
-from neurotact.data.readers.event_spec import EventSpec as EventSpec
+from neurotact.data.readers.specs import MOST_AFFERENTS as MOST_AFFERENTS
+from neurotact.data.readers.specs import EventSpec as EventSpec
 from neurotact.data.recordings import LABEL, check_named_classes
 from neurotact.data.spikes import SpikeTrains, TrialSpikes, from_trials
 from neurotact.data.windows import LONGEST_STEPS

@@ -16,10 +16,10 @@ from typing import Any, Literal, NamedTuple
 import numpy as np
 from neurotact_parts.readers.events.spikes import on_clock, say_merged
 from neurotact_parts.readers.events.times import event_times, joined_times, rounding_of, steps_of
+from neurotact_parts.readers.numpy_files import read_arrays
 from neurotact_parts.studies.braille.plain_objects import read_plain
 
 from neurotact.data.dataset import Reader
-from neurotact.data.readers.formats.numpy_files import read_arrays
 from neurotact.data.spikes import SpikeTrains, from_trials
 from neurotact.data.windows import LONGEST_STEPS
 from neurotact.errors import InputError

@@ -11,9 +11,9 @@ from pathlib import Path, PurePosixPath
 from typing import NamedTuple
 
 import numpy as np
+from neurotact_parts.readers.numpy_files import read_arrays
 
 from neurotact.data.dataset import Reader
-from neurotact.data.readers.formats.numpy_files import read_arrays
 from neurotact.data.readers.table.cells import as_signal, numbers
 from neurotact.data.readers.table.texts import read_text, split_header
 from neurotact.data.recordings import Recordings

@@ -8,6 +8,7 @@ from hypothesis import strategies as st
 from levels import examples
 from neurotact_parts.studies.comparison.set_arrays import as_arrays, from_arrays
 
+import neurotact as nt
 from neurotact.data import hdf5
 from neurotact.data.dataset import DatasetSpec, load_recordings, load_touches, until
 from neurotact.data.digests import content_digest
@@ -32,6 +33,15 @@ def test_the_rate_and_the_unit_of_arrays_decide_and_their_place_does_not():
     assert here.identity() == moved.identity()
     assert here.identity() != of_arrays(unit="mV").identity()
     assert here.identity() != of_arrays(sampling_rate_Hz=21.0).identity()
+
+
+def test_arrays_of_a_study_are_read_as_a_user_reads_them(tmp_path):
+    path = str(tmp_path / "a.npz")
+    np.savez(path, X=np.random.default_rng(0).normal(size=(4, 30, 2)), label=["felt", "silk"] * 2)
+    read = load_touches(of_arrays(path=path))
+    assert isinstance(read, Recordings)
+    assert (read.sampling_rate_Hz, read.unit) == (20.0, "count")
+    assert content_digest(read) == content_digest(nt.read_arrays(path, 20.0, "count"))
 
 
 @given(st.floats(1.0, 600.0), st.sampled_from([35.6, 100.0, 2000.0]))

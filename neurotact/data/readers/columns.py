@@ -11,7 +11,6 @@ import numpy as np
 from pydantic import Field
 
 from neurotact.data.readers.clock.units import Unit, apart, is_time_of_day, joined, pair_in, seconds_of, unit_in
-from neurotact.data.readers.doubts import check_first_row
 from neurotact.data.readers.table.cells import (
     NOT_FINITE,
     Table,
@@ -21,7 +20,7 @@ from neurotact.data.readers.table.cells import (
     lost_digits,
     with_whole_rows,
 )
-from neurotact.data.readers.table.headings import is_sample, open_table
+from neurotact.data.readers.table.headings import check_first_row, is_sample, open_table
 from neurotact.data.recordings import LABEL
 from neurotact.errors import InputError, nearest, some
 from neurotact.spec import Names, Spec, chosen
@@ -112,6 +111,8 @@ GUESSES: dict[str, _Guess] = {
 """Each guess by the name of a column, of all formats. A user's option decides in its place."""
 OF_EVENTS = [what.removeprefix("event ") for what in GUESSES if what.startswith("event ")]
 """What the columns of events may be."""
+OF_ARRAYS = ["signals", LABEL, "channels"]
+"""What the arrays of a file may be."""
 
 
 def called(names: Sequence[str], what: str) -> str | None:

@@ -6,9 +6,9 @@ import pandas as pd
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
+from neurotact_parts.readers.doubts import Fixes, doubts, kinds_of_names
 
 import neurotact as nt
-from neurotact.data.readers.doubts import Fixes, doubts, kinds_of_names
 from neurotact.data.recordings import Recordings
 from neurotact.errors import InputError
 

@@ -25,7 +25,7 @@ from neurotact.cli import recordings as recordings_commands
 from neurotact.data import hdf5
 from neurotact.data.readers.clock.units import UNIT_S
 from neurotact.data.readers.columns import OF_EVENTS
-from neurotact.data.readers.folder import NamingSpec
+from neurotact.data.readers.specs import NamingSpec
 from neurotact.errors import InputError
 
 GRID = np.dtype([("t", "<i8"), ("x", "<u2"), ("y", "<u2"), ("p", "?")])

@@ -10,6 +10,7 @@ import pytest
 from as_specs import of_events
 from hypothesis import given
 from hypothesis import strategies as st
+from in_process import typed
 from levels import examples
 from neurotact_parts.readers.events.spikes import Events, EventSpec, to_trains
 
@@ -125,6 +126,17 @@ def test_names_are_given_one_an_option_or_several_at_once():
     for wrong in ("tim=ts", "time=", "time"):
         with pytest.raises(InputError, match="must read WHAT=NAME"):
             parse([wrong])
+
+
+@pytest.mark.parametrize(("command", "said"), [
+    ("arrays", "signals, label, channels"), ("raster", "signals, label, channels"),
+    ("events", "time, channel, population, trial, label, polarity"),
+])  # fmt: skip
+def test_an_import_says_what_names_it_takes(command, said, tmp_path):
+    np.savez(tmp_path / "a.npz", X=np.ones((2, 20, 2)))
+    unit = ["--unit", "mV"] if command == "arrays" else []
+    words = ["import", command, tmp_path / "a.npz", *unit, "--names", "a=b", "-o", tmp_path / "a.h5"]
+    assert typed(*words).err.endswith(f"where WHAT is one of {said}\n")
 
 
 def test_a_heidelberg_file_loads_as_it_is(tmp_path, caplog):

@@ -11,9 +11,9 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 from levels import examples
+from neurotact_parts.readers import arrays, folder
 
 from neurotact.data import hdf5
-from neurotact.data.readers import arrays, folder
 from neurotact.errors import InputError
 from neurotact.files import MAX_MB
 

@@ -13,12 +13,13 @@ from as_specs import of_folder
 from hypothesis import assume, given
 from hypothesis import strategies as st
 from levels import examples
+from neurotact_parts.readers import folder
+from neurotact_parts.readers.clock import stamps as clock
+from neurotact_parts.readers.folder import conditions_of
 
 import neurotact as nt
-from neurotact.data.readers import folder
-from neurotact.data.readers.clock import stamps as clock
 from neurotact.data.readers.clock import units
-from neurotact.data.readers.folder import NamingSpec, conditions_of
+from neurotact.data.readers.specs import NamingSpec
 from neurotact.errors import InputError
 from neurotact.spec import build
 

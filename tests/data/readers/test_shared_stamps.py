@@ -5,12 +5,12 @@ import pytest
 from as_specs import of_folder
 from hypothesis import given
 from hypothesis import strategies as st
+from neurotact_parts.readers.clock import shared as shared_stamps
+from neurotact_parts.readers.clock import stamps as clock
+from neurotact_parts.readers.clock.shared import Uneven
 
 import neurotact as nt
-from neurotact.data.readers.clock import shared as shared_stamps
-from neurotact.data.readers.clock import stamps as clock
 from neurotact.data.readers.clock import units
-from neurotact.data.readers.clock.shared import Uneven
 from neurotact.errors import InputError
 
 

@@ -8,10 +8,10 @@ import scipy.io
 from hypothesis import given
 from hypothesis import strategies as st
 from levels import examples
+from neurotact_parts.readers.events.signed_matrix import holds_events
 
 import neurotact as nt
 from neurotact.data.dataset import expand
-from neurotact.data.readers.event_spec import holds_events
 from neurotact.errors import InputError
 
 SAMPLE = expand("$NEUROTACT_DATA/st-mnist-sample/LUT_1.mat")

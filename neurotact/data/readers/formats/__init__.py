@@ -1,6 +1,6 @@
 """Formats of files that are no plain text, each a part that is found by its suffix (entry points `neurotact.formats`).
 
-`contents`: what a file holds, by its first bytes. `numpy_files`: the formats of NumPy, on which all else is built.
+`contents`: what a file holds, by its first bytes.
 """
 
 from collections.abc import Callable, Mapping, Sequence

@@ -7,26 +7,26 @@ import os
 import re
 from collections.abc import Mapping, Sequence
 from pathlib import Path, PurePosixPath
-from typing import Annotated, Any
+from typing import Any
 
 import numpy as np
-from pydantic import BeforeValidator, Field, model_validator
+from neurotact_parts.readers.arrays import ArrayFile, opened_arrays, said_rates, sampling_rate_of
+from neurotact_parts.readers.clock.trials import OF_COLUMNS, Read, mended, recordings_of
+from neurotact_parts.readers.doubts import Fixes, kinds_of_names
+from neurotact_parts.readers.events.signed_matrix import SIGNED_MATRIX, holds_events
 
-from neurotact.data.readers.arrays import ArrayFile, opened_arrays, said_rates, sampling_rate_of
-from neurotact.data.readers.clock.trials import OF_COLUMNS, Read, mended, recordings_of
 from neurotact.data.readers.clock.units import Unit, apart, joined, pair_in, unit_in
 from neurotact.data.readers.columns import LayoutSpec, Samples, called, is_text, read_table, samples_of
-from neurotact.data.readers.doubts import Fixes, kinds_of_names
-from neurotact.data.readers.event_spec import SIGNED_MATRIX, holds_events
 from neurotact.data.readers.formats import holding, suffixes, tables_in
 from neurotact.data.readers.formats.contents import content_of
+from neurotact.data.readers.specs import FIELD, FILE, NamingSpec
 from neurotact.data.readers.table.cells import NUMBER, as_signal, columns_of
 from neurotact.data.readers.table.headings import named_table
 from neurotact.data.recordings import LABEL, Recordings, check_import
 from neurotact.errors import InputError, nearest, some
 from neurotact.files import below, check_size, existing, is_hidden
 from neurotact.lazily import lazily
-from neurotact.spec import Names, Spec, build, chosen
+from neurotact.spec import build
 
 with lazily():
     import pandas as pd
@@ -34,53 +34,10 @@ with lazily():
 
 log = logging.getLogger("neurotact")
 
-FILE = "file"
-FIELD = re.compile(r"\{([^{}]*)\}")
 TEXTS = (".csv", ".tsv", ".txt", ".lvm")
 OF_NUMPY = (".npz", ".npy")
 MATLAB = ".mat"
 """In MATLAB a vector is a matrix of one row or column, and texts and single numbers often stand beside the samples."""
-
-
-class NamingSpec(Spec):
-    """The source of the class and the conditions of a file, `nt.Naming`.
-
-    A pattern holds names in braces, `{label}_F{force}_{repetition}.csv`; each stands for one character or more, as few
-    as fit. Values that are numbers in every file become numbers; `label` stays text.
-    """
-
-    public = "Naming"
-    levels: Names = Field(default=(), json_schema_extra=chosen("label"))
-    """Conditions that name the sub-folders, from the top, as in label,speed. Each may be a pattern
-    (`{speed}mm_per_s`); deeper folders are read too. `label` alone if neither pattern nor table gives the label."""
-    pattern: str | None = None
-    """Conditions in the file names, as in {label}_F{force}_{repetition}.csv. Of the end of the path if the pattern
-    holds a `/`."""
-    table: Annotated[str | None, BeforeValidator(lambda path: path and str(path))] = None
-    """A CSV file with the column file and one column per condition. The column holds the path or the name of each
-    file."""
-    label: str | None = Field(default=None, json_schema_extra=chosen("that which is called label"))
-    """The condition that is the class."""
-
-    @model_validator(mode="after")
-    def _names_each_condition_once(self) -> NamingSpec:
-        if self.pattern is not None and not FIELD.search(self.pattern):
-            raise ValueError(f"pattern must hold a name in braces, such as {{label}}; got {self.pattern!r}")
-        patterns = [*self.levels, *([] if self.pattern is None else [self.pattern])]
-        names = [name for pattern in patterns for name in _fields(pattern)]
-        wrong = [name for name in names if not name.isidentifier()]
-        twice = [name for name in names if names.count(name) > 1]
-        if wrong:
-            raise ValueError(f"a condition is a word of letters, digits and _; got {wrong[0]!r}")
-        if twice or FILE in names:
-            raise ValueError(f"{(twice or [FILE])[0]!r} is named twice; give each condition once")
-        return self
-
-    @property
-    def is_label_by_folder(self) -> bool:
-        """Whether the label is the first sub-folder because nothing else is given."""
-        is_given = bool(self.levels) or self.table is not None or self.label not in (None, LABEL)
-        return not is_given and LABEL not in _fields(self.pattern or "")
 
 
 def conditions_of(files: Sequence[str], naming: NamingSpec, folder: Path) -> pd.DataFrame:
@@ -131,11 +88,6 @@ def _with_label(conditions: pd.DataFrame, label: str | None, folder: Path) -> pd
         fix = named if names else "add it with `levels`, `pattern` or `conditions`"
         raise InputError(f"{folder}: no condition is called label, the class of each file; {fix}")
     return conditions
-
-
-def _fields(pattern: str) -> list[str]:
-    """The names in a pattern; a level without braces is a name."""
-    return FIELD.findall(pattern) if "{" in pattern else [pattern]
 
 
 def _compiled(pattern: str) -> re.Pattern[str]:

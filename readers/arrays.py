@@ -11,14 +11,14 @@ from typing import Any, NamedTuple
 
 import h5py
 import numpy as np
+from neurotact_parts.readers.doubts import Fixes, say_doubts
+from neurotact_parts.readers.numpy_files import read_array, read_arrays
 
 from neurotact.data.hdf5_input import Declared, own_members, reading
-from neurotact.data.readers.columns import GUESSES, called
-from neurotact.data.readers.doubts import Fixes, check_first_row, say_doubts
+from neurotact.data.readers.columns import GUESSES, OF_ARRAYS, called
 from neurotact.data.readers.formats import Arrays, Cells, arrays_in, holding, suffixes
-from neurotact.data.readers.formats.numpy_files import read_array, read_arrays
 from neurotact.data.readers.table.cells import check_digits, check_width, columns_of, values_of
-from neurotact.data.readers.table.headings import named_table
+from neurotact.data.readers.table.headings import check_first_row, named_table
 from neurotact.data.recordings import LABEL, Recordings, check_import, check_sampling_rate
 from neurotact.errors import InputError, nearest, some
 from neurotact.files import existing
@@ -46,7 +46,7 @@ LAYOUTS = ((TRIAL, TIME), AXES, GRID)
 TIME_LAST = (TRIAL, ROW, COLUMN, TIME)
 LONGER = 2
 """The time of a grid has this many times as many samples as the grid has rows or columns, or must be named."""
-SIGNALS, CHANNELS = "signals", "channels"
+SIGNALS, _, CHANNELS = OF_ARRAYS
 ALIASES = {what: GUESSES[what].aliases for what in (LABEL, CHANNELS)}
 """Names of the arrays; the signals are the only array with three or four axes, or the only cell array of matrices."""
 CLASSES = ".npy"

@@ -7,12 +7,13 @@ from collections.abc import Mapping, Sequence
 from typing import NamedTuple
 
 import numpy as np
+from neurotact_parts.readers.clock.shared import own_interval
+from neurotact_parts.readers.clock.stamps import MOST_DROPPED, Stamps, middle_of, on_clock, rate_of, stamps_of
+from neurotact_parts.readers.doubts import Fixes, are_thousandths, say_doubts
 
-from neurotact.data.readers.clock.shared import own_interval
-from neurotact.data.readers.clock.stamps import MOST_DROPPED, Stamps, middle_of, on_clock, rate_of, stamps_of
 from neurotact.data.readers.clock.units import UNIT_S, Unit, timings
 from neurotact.data.readers.columns import Missing, Samples
-from neurotact.data.readers.doubts import Fixes, are_thousandths, check_first_row, rate_in, say_doubts
+from neurotact.data.readers.table.headings import check_first_row, rate_in
 from neurotact.data.recordings import LABEL, Recordings, check_named_classes
 from neurotact.errors import InputError, some
 from neurotact.files import check_size

@@ -15,7 +15,6 @@ from neurotact.errors import InputError
 from neurotact.files import check_size, existing
 
 NEVER = "(pickles are never loaded)"
-FLOAT32_MAX = np.finfo(np.float32).max
 PICKLED = "holds pickled Python objects, which are never loaded; save plain arrays of numbers"
 
 

@@ -4,8 +4,8 @@ from collections.abc import Iterator, Sequence
 from typing import NamedTuple
 
 import numpy as np
+from neurotact_parts.readers.clock.shared import Uneven, on_line, spread
 
-from neurotact.data.readers.clock.shared import Uneven, on_line, spread
 from neurotact.data.readers.clock.units import FASTEST_HZ, HOUR_S, LONGEST_S, SHORTEST_S, SLOWEST_HZ, UNIT_S, Unit
 from neurotact.errors import InputError
 

@@ -12,11 +12,12 @@ from pathlib import Path
 from typing import Any, Literal, NamedTuple
 
 import numpy as np
+from neurotact_parts.readers.clock.stamps import row_times
+from neurotact_parts.readers.clock.trials import Read, mended, recordings_of
+from neurotact_parts.readers.doubts import kinds_of_names
 from pydantic import model_validator
 
 from neurotact.data import marks
-from neurotact.data.readers.clock.stamps import row_times
-from neurotact.data.readers.clock.trials import Read, mended, recordings_of
 from neurotact.data.readers.clock.units import UNIT_S, Unit, is_time_of_day, seconds_of, without_unit
 from neurotact.data.readers.columns import (
     CHOICE,
@@ -31,7 +32,6 @@ from neurotact.data.readers.columns import (
     is_index,
     unit_of,
 )
-from neurotact.data.readers.doubts import kinds_of_names
 from neurotact.data.readers.formats import holding, tables_in
 from neurotact.data.readers.table.cells import (
     Table,
