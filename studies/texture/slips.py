@@ -85,9 +85,9 @@ class Touch(NamedTuple):
 def simulate(spec: SlipsSpec, progress: Callable[[int, int], None] | None = None) -> Recordings:
     """Recordings in mV, whose marks are `contact` and `slip`; unmarked time is rest.
 
-    >>> felt = simulate(SlipsSpec(recordings=1, duration_s=6))
+    >>> felt = simulate(SlipsSpec(recordings=1, duration_s=8))
     >>> felt.signals.shape, sorted(felt.marks["label"].unique())
-    ((1, 12000, 8), ['contact', 'slip'])
+    ((1, 16000, 8), ['contact', 'slip'])
     """
     n_samples, n_taxels = round(spec.duration_s * spec.sampling_rate_Hz), len(spec.finger.taxel_gains)
     check_room(spec.recordings, n_samples, n_taxels)
