@@ -300,7 +300,7 @@ def test_its_cost_is_that_of_samples_and_spikes():
     assert encoding_cost(3, 500, 500.0, table, spikes=70) == of_samples + cost_of_spikes(70).in_32_bits()
     quick = {**table, "recorded_Hz": 2000.0}  # is resampled to 1 kHz
     of_steps = encoding_cost(3, 500, 500.0, {**table, "integration": "clock"}, recorded_Hz=2000.0)
-    assert encoding_cost(3, 500, 500.0, quick, spikes=70) == of_steps + cost_of_spikes(70).in_32_bits()
+    assert encoding_cost(3, 500, 500.0, quick, spikes=70) == (of_steps + cost_of_spikes(70)).in_32_bits()
     fastest = encoding_cost(3, 500, 500.0, {**table, "sa1": {"t_ref_ms": 5.0}})  # 3 at 200 Hz and 3 at 1 kHz
     assert fastest == of_samples + cost_of_spikes(3 * 100 + 3 * 500)
     on_a_clock = {**table, "integration": "clock"}
