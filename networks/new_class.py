@@ -35,6 +35,8 @@ with lazily():
 TOUCHES = 5
 PENALTIES = (10.0, 1.0, 0.1, 0.01, 0.001)
 """Of the ridge, in units of the mean square of what the readout hears; the strongest of equally good ones stands."""
+LOST = 0.05
+"""The share of the known touches that is lost above which the command says what to do."""
 AT_ONCE = 256
 """Windows that are simulated together."""
 
@@ -135,9 +137,9 @@ def learn(
 ) -> dict[str, Any]:
     """Teach the network in the run folder `run` the new classes of a file of spikes, as `neurotact learn` does.
 
-    The first `touches` trials of each class that the network does not know are learned, the others test it. Only the
-    readout changes. The network is saved in `folder`, a run that `infer`, `stream` and `export` take; early exit was
-    chosen for other classes, and is not used.
+    Of each class that the network does not know `touches` trials are learned, evenly spaced over the file; the others
+    test it. Only the readout changes. The network is saved in `folder`, a run that `infer`, `stream` and `export` take;
+    early exit and the refusal of unknown classes were chosen for the old readout, and are not used.
     spikes: that the run was trained on, where they moved since. force: replace a training that is in the folder. tell:
     called with what the command prints.
     Returns accuracies: `old_before`, `old_refitted`, `old_after` of the known classes on the run's test windows, with
@@ -160,7 +162,7 @@ def learn(
         felt = _felt(restored, hdf5.load_spikes(touched), str(touched))
         classes = sorted(set(felt.classes) - set(restored.classes))
         n_known = int(felt.conditions["label"].isin(restored.classes).sum())
-        taught = {name: np.flatnonzero(felt.conditions["label"] == name)[:touches] for name in classes}
+        taught = {name: _spaced(np.flatnonzero(felt.conditions["label"] == name), touches) for name in classes}
         trains = run_folder.trained_spikes_of(restored)
         sides = tasks.sides_of(trains, restored.task)
         begun = refitted(network, sides.train, sides.validation)
@@ -210,6 +212,15 @@ def _felt(restored: run_folder.Restored, trains: SpikeTrains, source: str) -> Sp
     return trains
 
 
+def _spaced(trials: np.ndarray, n: int) -> np.ndarray:
+    """At most n trials, evenly spaced: files have their conditions one after the other.
+
+    >>> _spaced(np.array([2, 3, 5, 7, 8]), 3).tolist(), _spaced(np.array([4]), 3).tolist()
+    ([2, 5, 8], [4])
+    """
+    return trials[np.linspace(0, len(trials) - 1, min(n, len(trials))).round().astype(int)]
+
+
 def _right(network: rsnn.RSNN, examples: Examples) -> float:
     return float((network.infer(examples.spikes).labels == examples.labels).double().mean())
 
@@ -236,7 +247,7 @@ def _extra(
 ) -> dict[str, Any]:  # fmt: skip
     """What `network.json` says beside the network: as of the run, with new classes and what they were learned from."""
     extra = dict(files.read_json(source / run_folder.NETWORK)["extra"])
-    for key in ("exit_losses", "has_own_rule", "fine_tuned", "joined"):
+    for key in ("exit_losses", "has_own_rule", "fine_tuned", "joined", "refusal"):
         extra.pop(key, None)
     nothing = np.array([], np.int64)
     new = provenance.provenance_of(taught, splits.Split(np.arange(len(taught)), nothing, nothing))
@@ -258,8 +269,10 @@ def _lines(row: dict[str, Any]) -> list[str]:
         if row["new_trials"]
         else "no other touch tests it"
     )
+    lost = row["old_before"] - row["old_after"]
+    advice = "record more touches, or train again with all classes"
     return [
         f"learned {learned}; {tested}",
         f"known classes, {row['old_windows']} test windows: {before} before, {refitted_} with the refitted readout, "
-        f"{after} with the new class",
+        f"{after} with the new class{f', {100 * lost:.0f} points less: {advice}' if lost > LOST else ''}",
     ]

@@ -1,5 +1,7 @@
 """`neurotact learn`: recursive least squares, what stays of a network, and what its folder says."""
 
+import shutil
+
 import numpy as np
 import pandas as pd
 import pytest
@@ -103,6 +105,24 @@ def test_trials_of_known_classes_are_named_and_the_run_cannot_be_overwritten(pla
     assert "learned wool from 2 touches; of 14 other touches" in told[1]
     with pytest.raises(nt.InputError, match="is the run that is to learn"):
         nt.learn(place / "run", place / "wool.h5", place / "run")
+
+
+def test_a_loss_of_known_classes_is_told_with_what_to_do():
+    row = {"old_before": 0.9, "old_refitted": 0.9, "old_after": 0.8, "old_windows": 9, "touches": {"wool": 1}}
+    row |= {"new_trials": 0}
+    assert new_class._lines(row)[1].endswith("10 points less: record more touches, or train again with all classes")
+    assert new_class._lines(row | {"old_after": 0.86})[1].endswith("86.0 % with the new class")
+
+
+def test_a_network_that_refuses_touches_refuses_none_with_another_readout(place, tmp_path):
+    shutil.copytree(place / "run", tmp_path / "run")
+    path = tmp_path / "run" / "network.json"
+    table = files.read_json(path)
+    table["extra"]["spikes"] = str(place / "spikes.h5")
+    files.write_json(path, table)
+    nt.refuse(tmp_path / "run", 0.3)
+    nt.learn(tmp_path / "run", place / "wool.h5", tmp_path / "new")
+    assert run_folder.restore(tmp_path / "new").refusal is None
 
 
 @pytest.mark.parametrize(
