@@ -9,7 +9,7 @@ from typing import NamedTuple
 
 import pytest
 
-from neurotact import cli
+from neurotact import cli, workers
 from neurotact.report import page
 from neurotact.studies import runner
 from neurotact.studies.store import cell_folder
@@ -44,7 +44,8 @@ def studies_here() -> Iterator[pytest.MonkeyPatch]:
         )
 
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(runner, "in_a_process", lambda task, *arguments: task(*arguments))
+        for module in (runner, workers):  # the report, too
+            patch.setattr(module, "in_a_process", lambda task, *arguments: task(*arguments))
         patch.setattr(runner, "executor", here)
         yield patch
 

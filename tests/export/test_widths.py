@@ -43,11 +43,11 @@ def price_of(bits: int, kind: str) -> float:
 
 @st.composite
 def costs(draw) -> Cost:
-    """A cost of which a part is on 32-bit numbers; its memories are no smaller than the first cache."""
+    """A cost of which a part is on 32-bit numbers; its memories lie between the first and the last cache."""
     narrow, wide = (
         Cost(
             **{name: draw(counts) for name in (*OPERATIONS, "weights_accesses", "states_accesses", "buffers_accesses")},
-            bytes=draw(st.integers(65536, 10**6)) + (states := draw(st.integers(65536, 10**6))), states_bytes=states,
+            bytes=draw(st.integers(65536, 8 * 10**5)) + (states := draw(st.integers(65536, 8 * 10**5))), states_bytes=states,
             buffers_bytes=65536,
         )
         for _ in range(2)

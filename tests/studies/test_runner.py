@@ -74,7 +74,7 @@ def test_killed_and_resumed_with_two_workers_gives_the_same_bytes(finished, tmp_
     assert not (folder / "results.csv").exists()
     resumed = subprocess.run([*COMMAND, "study", "resume", str(folder)], capture_output=True, text=True, check=False)
     assert resumed.returncode == 0, resumed.stderr
-    assert resumed.stdout.splitlines()[-1] == str(folder / "report.html")
+    assert str(folder / "report.html") in resumed.stdout.splitlines()
     for path in (finished / "results.csv", finished / "encoding.csv", *finished.rglob("files.json")):
         assert (folder / path.relative_to(finished)).read_bytes() == path.read_bytes()
     assert not list(folder.rglob(".*")), "a draft or the lock of the killed process is left"
