@@ -33,7 +33,7 @@ show sa1-ra1-lif
 copy rsnn -o mine.toml
 fetch
 simulate gratings --set trials=2 --set duration_s=0.2 --set pitches_mm=[4.0,1.0] -o gratings.h5
-simulate gratings-slips --recordings 1 --duration-s 6 -o slips.h5
+simulate gratings-slips --set recordings=1 --set duration_s=6 -o slips.h5
 simulate stiffness --set placements=1 --set grasps=1 -o stiffness.h5
 simulate touch-modality --set people=1 --set recording_s=2 -o rubbed.h5
 simulate contact-materials --set trials=1 --set frequencies_Hz=[5.0] --set duration_s=0.4 -o materials.h5
