@@ -245,10 +245,11 @@ def in_words(choice: PeriodChoice, sure: Sure, populations: Sequence[str] = (), 
             f"No refractory period pays on these recordings: the best longer one, {named(longer)}, "
             f"{_gain(choice.evidence)}, against {other_named(network)}{size and f', both{size}'}; {between}."
         )
-    prefers, base = ", which validation prefers,", other if longer is network else network
-    leans, against = (prefers, "") if longer is network else ("", prefers.removesuffix(","))
-    gain = f"{named(longer)}{leans} {_gain(choice.evidence)}"
-    said = f"{gain[:1].upper()}{gain[1:]}, against {other_named(base)}{against}{size and f', both{size}'}"
+    both = size and f", both{size}"
+    if longer is network:
+        said = f"Validation prefers {named(longer)}: it {_gain(choice.evidence)}, against {other_named(other)}{both}"
+    else:
+        said = f"Validation prefers {named(network)}: {other_named(longer)} {_gain(choice.evidence)} against it{both}"
     return f"These recordings cannot tell which refractory period to use: {choice.why}. {said}; {between}."
 
 
