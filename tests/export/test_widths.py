@@ -23,6 +23,7 @@ from neurotact.metrics.prices import OF_WIDTH, OPERATIONS, PRICED, WIDE, PriceLi
 from neurotact.networks.use.ledger import Afferents
 
 counts = st.integers(0, 10**5)
+sizes = st.integers(65536, 8 * 10**5)
 INT8 = price_list("int8-45nm")
 CACHES = (8192, 32768, 1048576), {8: (1.25, 2.5, 12.5), 32: (5.0, 10.0, 50.0)}
 """Sizes in bytes, and the price of a read of a number of so many bits."""
@@ -47,8 +48,7 @@ def costs(draw) -> Cost:
     narrow, wide = (
         Cost(
             **{name: draw(counts) for name in (*OPERATIONS, "weights_accesses", "states_accesses", "buffers_accesses")},
-            bytes=draw(st.integers(65536, 8 * 10**5)) + (states := draw(st.integers(65536, 8 * 10**5))), states_bytes=states,
-            buffers_bytes=65536,
+            bytes=draw(sizes) + (states := draw(sizes)), states_bytes=states, buffers_bytes=65536,
         )
         for _ in range(2)
     )  # fmt: skip
