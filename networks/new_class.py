@@ -28,9 +28,9 @@ if TYPE_CHECKING:
 with lazily():
     from neurotact.data import hdf5, splits
     from neurotact.metrics import shares
-    from neurotact.networks.definition import readouts, rsnn
+    from neurotact.networks.definition import rsnn
     from neurotact.networks.training import provenance, ranges, resumable, run_folder, tasks
-    from neurotact.networks.use import fitted, inference
+    from neurotact.networks.use import fitted, inference, measuring
 
 TOUCHES = 5
 PENALTIES = (10.0, 1.0, 0.1, 0.01, 0.001)
@@ -89,13 +89,9 @@ def features_of(network: rsnn.RSNN, spikes: Tensor) -> np.ndarray:
     """What the readout hears in each stretch of windows `(window, time, afferent)`, and 1: `(window, feature)`."""
     import torch
 
-    stretches = network.stretches or readouts.Stretches(1, 1)
-    heard = []
     with torch.no_grad():
-        for part in spikes.split(AT_ONCE):
-            hidden = network.simulate(part).hidden
-            heard.append(stretches.counts(network.heard(hidden, network.binned(part)).double()).flatten(1))
-    counts = torch.cat(heard).numpy()
+        heard = [network.counted(network.binned(part), network.stretches)[1] for part in spikes.split(AT_ONCE)]
+    counts = torch.cat(heard).flatten(1).double().numpy()
     return np.column_stack([counts, np.ones(len(counts))])
 
 
@@ -153,8 +149,7 @@ def learn(
     source, folder = Path(run), Path(folder)
     if touches < 1:
         raise InputError(f"touches: must be at least 1; got {touches}")
-    if os.path.exists(folder) and os.path.exists(source) and folder.samefile(source):
-        raise InputError(f"{folder}: is the run that is to learn; choose another folder")
+    resumable.check_apart(folder, source, "learn")
     with files.locked(folder):
         resumable.check_place(folder, force=force)
         restored = run_folder.restore(source, spikes=spikes).of_classes("learning a class")
@@ -166,11 +161,10 @@ def learn(
         trains = run_folder.trained_spikes_of(restored)
         sides = tasks.sides_of(trains, restored.task)
         begun = refitted(network, sides.train, sides.validation)
-        readout, of_windows = begun, {}
+        readout = begun
         for label, name in enumerate(classes, start=len(restored.classes)):
             examples, _ = tasks.examples_of(felt, taught[name], restored.task, restored.task.training_window)
             readout = readout.with_class()
-            of_windows[name] = len(examples.labels)
             for features in features_of(network, examples.spikes):
                 readout = readout.after(features, label, readout.each / len(examples.labels))
         after = with_readout(network, readout)
@@ -222,7 +216,7 @@ def _spaced(trials: np.ndarray, n: int) -> np.ndarray:
 
 
 def _right(network: rsnn.RSNN, examples: Examples) -> float:
-    return float((network.infer(examples.spikes).labels == examples.labels).double().mean())
+    return measuring.accuracy_of(network.infer(examples.spikes), examples)
 
 
 def _of_others(

@@ -137,9 +137,7 @@ def fine_tune(
     source, folder, seed = Path(run), Path(folder), seed or 0
     if not 0 <= epochs <= 100_000:
         raise InputError(f"epochs: must be from 0 to 100000; got {epochs}")
-    # os.path and not Path: a folder that may not be read counts as another one, and is refused when it is written.
-    if os.path.exists(folder) and os.path.exists(source) and folder.samefile(source):
-        raise InputError(f"{folder}: is the run that is to be fine-tuned; choose another folder")
+    resumable.check_apart(folder, source, "be fine-tuned")
     with files.locked(folder):
         resumable.check_place(folder, force=force)
         restored = run_folder.restore(source, spikes=spikes).of_classes("fine-tuning")

@@ -18,7 +18,7 @@ Other rooms take:
     definition.specs: BUILT_IN, RSNNSpec, TrainingSpec, given_keys, part_of
     definition.surrogate: FastSigmoid, arctan, fast_sigmoid
     exit.patience: ExitChoice, exits, in_words, is_tolerated, oracle_exit, upper_bound
-    exit.rule: ExitRule, FULL_WINDOW, Leader
+    exit.rule: ExitRule, FULL_WINDOW, Leader, leads
     exit.truncated: SimulatedWindows, judged, simulate_windows
     training.balancing: SETTINGS, columns_of, note
     training.cautions: FEW_PER_CLASS, MEMBER, calibrated, copies, few_test_trials, not_learned, together, training
@@ -32,7 +32,7 @@ Other rooms take:
     training.numbers: interval, of_trials
     training.outcome: outcome_of, summary_of
     training.ranges: OF_EVENTS, Ranges, evenly, record, record_states
-    training.resumable: RESULT, check_place, clear, line_of, run, saved_in
+    training.resumable: RESULT, check_apart, check_place, clear, line_of, run, saved_in
     training.run_folder: LOG, NETWORK, Restored, WEIGHTS, files_of, load_network, load_spikes_of, restore, save,
         save_network, shapes_of, test_trials, trained_spikes_of
     training.sparsity: prune, pruned_stay_pruned

@@ -317,11 +317,11 @@ class RSNN(Network):
         if integration is None:
             return Counts(*native.rsnn_counts(spikes, self))
         if self.stretches is not None:
-            hidden, heard = self._counted(spikes, self.stretches)
+            hidden, heard = self.counted(spikes, self.stretches)
             values = reference.stretched(self.stretches, heard, self.readout_weights, factors) + integration.level
             return Counts(values.to(hidden), hidden.sum(dim=1))
         if not integration.leaks:
-            hidden, heard = self._counted(spikes)
+            hidden, heard = self.counted(spikes)
             return Counts(self.sums(heard if factors is None else heard * factors), hidden)
         w_out = self.w_out if factors is None else self.w_out * factors[:, None]
         values, hidden = native.rsnn_counts(spikes, self, w_out)
@@ -331,8 +331,8 @@ class RSNN(Network):
         """What the readout hears, `(..., heard)`: spikes of hidden neurons and, where it hears them, of afferents."""
         return torch.cat([hidden, spikes.to(hidden)], dim=-1) if self.spec.hears_afferents else hidden
 
-    def _counted(self, spikes: Tensor, stretches: Stretches | None = None) -> tuple[Tensor, Tensor]:
-        """Counts of hidden spikes and of what the readout hears, of windows or of each stretch of them."""
+    def counted(self, spikes: Tensor, stretches: Stretches | None = None) -> tuple[Tensor, Tensor]:
+        """Counts of hidden spikes and of what the readout hears, of `binned` windows or of each stretch of them."""
         hidden = self._hidden_counts(spikes, stretches)
         if not self.spec.hears_afferents:
             return hidden, hidden
@@ -451,7 +451,7 @@ class RSNN(Network):
         n_trials, n_steps, _ = spikes.shape
         steps = torch.full((n_trials,), n_steps, device=spikes.device)
         if rule.never and not integration.leaks and self.stretches is None:
-            hidden, heard = self._counted(spikes)
+            hidden, heard = self.counted(spikes)
             sums = self.added(heard) + integration.level
             n_input, n_hidden = (part.sum(dim=1).to(torch.int64) for part in (spikes.flatten(1), hidden))
             return Inference(sums.argmax(dim=1), steps, n_input, n_hidden, sums)

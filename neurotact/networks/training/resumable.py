@@ -251,6 +251,13 @@ def clear(folder: Path, names: Sequence[str] = LEFT) -> None:
             path.unlink(missing_ok=True)
 
 
+def check_apart(folder: Path, source: Path, what: str) -> None:
+    """Refuse to write into the folder of the run that is read. what: is to happen to that, in words."""
+    # os.path and not Path: a folder that may not be read counts as another one, and is refused when it is written.
+    if os.path.exists(folder) and os.path.exists(source) and folder.samefile(source):
+        raise InputError(f"{folder}: is the run that is to {what}; choose another folder")
+
+
 def check_place(folder: Path, *, force: bool, resume: bool = False) -> None:
     """Refuse a folder that holds anything, unless its training is replaced or resumed."""
     names = {path.name for path in folder.iterdir()} - {files.LOCK}
