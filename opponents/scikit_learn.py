@@ -1,6 +1,6 @@
 """The opponents whose estimators are scikit-learn's, sized on validation examples, and the cost of each decision."""
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -163,17 +163,27 @@ def mean_depth(forest: ExtraTreesClassifier | ExtraTreesRegressor, features: np.
     return float(np.mean([path.getnnz() / len(features) - 1 for path in paths]))
 
 
-def _trees_layers(fitted: ExtraTreesClassifier, x: np.ndarray) -> tuple[Layer, ...]:
-    n_nodes = sum(tree.tree_.node_count for tree in fitted.estimators_)
-    return (Trees(len(fitted.estimators_), mean_depth(fitted, x), n_nodes, len(fitted.classes_)),)
+def extra_trees(about: str, kind: type, n_told: Callable[[Any], int], **more: Any) -> Opponent:
+    """An opponent of extremely randomised trees. n_told: the values in a leaf of a fitted forest."""
+
+    def layers(fitted: Any, x: np.ndarray) -> tuple[Layer, ...]:
+        n_nodes = sum(tree.tree_.node_count for tree in fitted.estimators_)
+        return (Trees(len(fitted.estimators_), mean_depth(fitted, x), n_nodes, n_told(fitted)),)
+
+    return Opponent(
+        about,
+        kind,
+        lambda sides, seed: [{"n_estimators": TREES, "min_samples_leaf": leaf} for leaf in LEAVES],
+        layers=layers,
+        words=lambda fitted: f"{fitted.n_estimators} trees, leaves of {fitted.min_samples_leaf}",
+        **more,
+    )
 
 
-EXTRA_TREES = Opponent(
+EXTRA_TREES = extra_trees(
     "Forests of extremely randomised trees (Geurts et al. 2006, doi 10.1007/s10994-006-6226-1).",
     ExtraTreesClassifier,
-    lambda sides, seed: [{"n_estimators": TREES, "min_samples_leaf": leaf} for leaf in LEAVES],
-    layers=_trees_layers,
-    words=lambda fitted: f"{fitted.n_estimators} trees, leaves of {fitted.min_samples_leaf}",
+    lambda fitted: len(fitted.classes_),
     rounded=rounding.forest,
 )
 

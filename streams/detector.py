@@ -22,6 +22,7 @@ from neurotact.errors import InputError
 from neurotact.metrics import synops
 from neurotact.metrics.shares import wilson_interval
 from neurotact.networks.definition.network import Network
+from neurotact.networks.exit.rule import leads
 from neurotact.networks.training import numbers
 from neurotact.networks.training.events import DetectorSpec, in_parts, names_of
 from neurotact.networks.training.run_folder import Restored
@@ -62,8 +63,7 @@ def _leading(values: np.ndarray, rule: DetectorSpec) -> np.ndarray:
 
 def lead_of(values: np.ndarray) -> np.ndarray:
     """By how much the largest value exceeds the next one, `(step,)`."""
-    ordered = np.sort(values, axis=1)
-    return ordered[:, -1] - ordered[:, -2]
+    return leads(torch.from_numpy(values)).numpy()
 
 
 def changes(values: np.ndarray, rule: DetectorSpec) -> Iterator[tuple[int, int]]:
@@ -169,8 +169,8 @@ def tally(recordings: Sequence[Heard], rule: DetectorSpec) -> Tally:
 
 def thresholds(recordings: Sequence[Heard]) -> list[float]:
     """The thresholds that are tried, ascending."""
-    leads = np.concatenate([lead_of(one.values) for one in recordings])
-    return sorted({0.0, *np.quantile(leads, np.linspace(0, 1, THRESHOLDS)).tolist()})
+    every = np.concatenate([lead_of(one.values) for one in recordings])
+    return sorted({0.0, *np.quantile(every, np.linspace(0, 1, THRESHOLDS)).tolist()})
 
 
 def choose(network: Network, trains: SpikeTrains, trials: Iterable[int], task: Task) -> DetectorSpec:
@@ -204,7 +204,8 @@ def judge(
 
     names = names_of(trains)
     recordings = heard(network, trains, trials, names)
-    found, n = tally(recordings, rule), 2 * tally(recordings, rule).false_alarms
+    found = tally(recordings, rule)
+    n = 2 * found.false_alarms
     n_events = len(found.delays_ms) + found.missed
     shares = wilson_interval(found.share, n_events) if n_events else (float("nan"),) * 2
     rates = (chi2.ppf(0.025, n) / 2 if n else 0.0, chi2.ppf(0.975, n + 2) / 2)

@@ -218,12 +218,12 @@ def summary(table: pd.DataFrame, *, of_refusing: bool = False) -> pd.DataFrame:
     if SIDE in table and len(table):
         return pd.concat([_summary_of_side(table, side) for side in _sides_in(table)], ignore_index=True)
     counted = list(COLUMNS[COLUMNS.index("steps") :])
-    parts = [*table.groupby("label", sort=True), ("all", table)]
+    parts, refuses = [*table.groupby("label", sort=True), ("all", table)], _refuses(table) or of_refusing
     rows = [
         {
             "label": str(label),
             "windows": len(part),
-            **_judged(part, targets, refuses=_refuses(table) or of_refusing),
+            **_judged(part, targets, refuses=refuses),
             **part[counted].mean().to_dict(),
         }
         for label, part in parts
