@@ -139,7 +139,7 @@ def parts_of_workers() -> Iterator[dict[str, str]]:
 def watched(watcher: Watcher) -> Iterator[None]:
     """Within it `track` also tells a watcher, shown or not: after two seconds, then every second.
 
-    A watcher that fails is told nothing more, and the work goes on.
+    A watcher that fails is not called again, and the work goes on.
     """
     _watchers.append(watcher)
     try:
@@ -192,7 +192,7 @@ class _At:
 def at(what: str, done: int = 0, total: int = 0, note: str = "") -> None:
     """In a worker process: tell the one that waits for it at which part of its job it is, at most once a second.
 
-    An empty `what` ends the part, and one without a `total` is told alone. Elsewhere this does nothing.
+    An empty `what` ends the part, and one without a `total` is shown without a number. Elsewhere this does nothing.
     """
     folder, now = os.environ.get(PARTS), time.monotonic()
     if folder is None:

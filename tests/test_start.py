@@ -81,14 +81,18 @@ def test_a_study_waits_for_its_processes_without_what_computes(tmp_path):
     assert (tmp_path / "run" / "report.html").is_file()
 
 
+def printed(script: str) -> str:
+    """What a script prints in a process of its own."""
+    return subprocess.run([sys.executable, "-c", script], capture_output=True, text=True, check=True).stdout
+
+
 def test_the_server_of_processes_puts_nothing_off():
     script = (
         "import sys\nfrom neurotact.lazily import lazily\n"
         "with lazily():\n    import neurotact.studies.networks, pandas\n"
         "import neurotact.loaded\nprint({type(each).__name__ for each in sys.modules.values()} & {'_Late'})"
     )
-    done = subprocess.run([sys.executable, "-c", script], capture_output=True, text=True, check=True)
-    assert done.stdout == "set()\n"
+    assert printed(script) == "set()\n"
 
 
 @given(st.sampled_from([*optimisers.USUAL]), st.sampled_from([*optimisers.OPTIONS]))
@@ -168,5 +172,4 @@ def test_a_package_is_loaded_before_its_modules():
         "late = type(sys.modules['pandas']).__name__\nimport pandas._libs.lib\n"
         "print(late, type(sys.modules['pandas']).__name__, pandas.to_numeric(['1']).tolist())"
     )
-    done = subprocess.run([sys.executable, "-c", script], capture_output=True, text=True, check=True)
-    assert done.stdout == "_Late module [1]\n"
+    assert printed(script) == "_Late module [1]\n"

@@ -63,7 +63,7 @@ def value(number: str) -> float:
 
 
 def unit(number: str) -> float:
-    """What the last digit that is told counts: 0.1 of 91.2, 10 of 6650."""
+    """The unit of the last digit that is written: 0.1 of 91.2, 10 of 6650."""
     digits = number.replace(",", "")
     return 10.0 ** (-len(digits.split(".")[1]) if "." in digits else len(digits) - len(digits.rstrip("0")))
 

@@ -23,7 +23,7 @@ def export_xylo(
 ) -> "chip.Chip":
     """Write the network of a run as a JSON file of the arguments of Rockpool's `XyloSim.from_specification`.
 
-    The file holds the network alone, in the chip's neurons and bits (`conversion`). Each conversion is told by name.
+    The file holds the network alone, in the chip's neurons and bits (`conversion`). Each conversion is named.
     run: the folder. prove: run this many test trials in our integers and in XyloSim, where it is installed, and compare
     every spike and state, and the decisions with those of `infer`.
     spikes: that the run was trained on, where they moved since. force: replace a file.
