@@ -47,7 +47,7 @@ def resolve(
         return way_study.resolve(table, path, overrides, quick=quick, data=data)
     engine = _own_engine(asked or way)
     if engine is not None and engine.own is not None:
-        overrides |= engine.own(table, overrides, data)
+        overrides |= engine.own(table, overrides, quick, data)
     found = study.resolve(name, overrides, quick=quick, data=data)
     next(engine_of(found).cells(found), None)  # the way refuses here what it cannot run
     return found

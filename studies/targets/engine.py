@@ -13,21 +13,20 @@ from pydantic import Field
 from neurotact.data import hdf5
 from neurotact.data.trial_choice import TrialChoice, chosen_trials
 from neurotact.data.windows import WindowSpec
-from neurotact.encoders.calibration import CLOCK_HZ
 from neurotact.errors import InputError
 from neurotact.lazily import lazily
 from neurotact.networks.definition.specs import RSNNSpec
 from neurotact.spec import OneOrMore, Spec, build, leaves, resolve
 from neurotact.studies import networks, study
 from neurotact.studies.automatic import AUTO, CHOICE
-from neurotact.studies.study import Cell, StudySpec
+from neurotact.studies.study import HIDDEN, Cell, StudySpec
 
 with lazily():  # a process that waits for others needs no torch
     from neurotact_parts.studies.targets import report
 
     from neurotact.networks.training import numbers
 
-EVENTS = "events"
+EVENTS, FOLDS = "events", 4
 OF_CLASSES = (
     "augmentation", "balance", "choose_grades", "early_exit", "integers", "measures", "search", "test_every_condition",
     "training_windows", "dataset.subsets", "sweep.dataset",
@@ -63,10 +62,11 @@ def cells(what: StudySpec) -> Iterator[Cell]:
         yield cell.model_copy(update={"source": {**cell.source, **target}})
 
 
-def own(table: Mapping[str, Any], given: Mapping[str, Any], data: str | Path | None) -> dict[str, Any]:
+def own(table: Mapping[str, Any], given: Mapping[str, Any], quick: bool, data: str | Path | None) -> dict[str, Any]:
     """The changes of a study of networks that make it one of its target, with notes of what they are.
 
-    table: of the study file. given: the changes that are asked for. data: the file of recordings.
+    table: of the study file. given: the changes that are asked for. quick: whether its own smaller sweep runs. data:
+    the file of recordings.
     Raises InputError for what has no meaning without classes, and for a target that the recordings do not have.
     """
     parameters = parameters_of(given.get("parameters", table.get("parameters", {})))
@@ -77,7 +77,7 @@ def own(table: Mapping[str, Any], given: Mapping[str, Any], data: str | Path | N
     choice = TrialChoice(*({} if (value := given.get(key)) is None else value for key in CHOICE))
     with hdf5.open_recordings(file) as stored:
         chosen = chosen_trials(stored, choice, str(file), tell=False)
-        conditions, marks, rate_Hz = chosen.conditions, chosen.marks, chosen.sampling_rate_Hz
+        conditions, marks = chosen.conditions, chosen.marks
     names = ", ".join(parameters.target)
     changes = {**LEFT_OUT, "title": f"{table.get('title', 'A study')}: {names}"}
     if parameters.target != (EVENTS,):
@@ -89,9 +89,9 @@ def own(table: Mapping[str, Any], given: Mapping[str, Any], data: str | Path | N
             f"{file}: has no annotations in time, which `target='events'` needs; import the recordings with "
             "`keep_whole`, or give nt.Recordings(..., marks=)"
         )
-    classes = "the marks of training recordings, each behind the beginning of its recording"
+    classes = "stretches of training recordings with one mark, or none, behind the beginning of their recording"
     told = _notes(f"Events: networks detect {', '.join(sorted(marks['label'].unique()))}.", classes)
-    return {**changes, **_of_detector(table, given, max(rate_Hz, CLOCK_HZ)), "notes": [*told]}
+    return {**changes, **_of_detector(table, given), **_sweep(table, given, quick), "notes": [*told]}
 
 
 def _check(table: Mapping[str, Any], given: Mapping[str, Any]) -> None:
@@ -112,7 +112,21 @@ def _notes(what: str, classes: str) -> Iterator[str]:
     yield "Not of classes, and left out: early exit, varied copies, 8-bit weights, confusions."
 
 
-def _of_detector(table: Mapping[str, Any], given: Mapping[str, Any], rate_Hz: float) -> dict[str, Any]:
+def _sweep(table: Mapping[str, Any], given: Mapping[str, Any], quick: bool) -> dict[str, Any]:
+    """The sweep of detectors: each recording is tested once, and all have a hidden layer.
+
+    Without one a network has a single fit of whole windows, which does not forget.
+    """
+    key, changes = f"sweep.{HIDDEN}", {}
+    sizes = (table.get("quick", {}) if quick else {}).get(key, table.get("sweep", {}).get(HIDDEN))
+    if isinstance(sizes, list) and not {key, HIDDEN} & given.keys():
+        changes[key] = [size for size in sizes if size]
+    if not any(name.startswith(("split", "sweep.split", "sweep.seed", "seed")) for name in given):
+        changes |= {"split.folds": FOLDS, "sweep.split.fold": [*range(FOLDS)], "sweep.seed": [0]}
+    return changes
+
+
+def _of_detector(table: Mapping[str, Any], given: Mapping[str, Any]) -> dict[str, Any]:
     """The windows and the network of a detector, which runs on: what is older than a window must have decayed."""
     asked = {key.removeprefix(WINDOW): value for key, value in given.items() if key.startswith(WINDOW)}
     its = {} if table.get("window") == AUTO else table.get("window", {})

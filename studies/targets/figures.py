@@ -8,6 +8,7 @@ import numpy as np
 import pandas as pd
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
+from neurotact_parts.studies.comparison.figures import write_out_log_ticks
 from neurotact_parts.studies.targets.ways import EVENTS, Compared
 
 from neurotact.figures.columns import name_of
@@ -51,7 +52,7 @@ def draw_told(told: pd.DataFrame, target: Sequence[str]) -> Figure:
         ends = [min(true.min(), value.min()), max(true.max(), value.max())]
         axes.plot(ends, ends, color=MUTED, lw=0.8, ls="--", zorder=0)
         axes.plot(true, value, "o", ms=3, mew=0, alpha=0.5, color=SA)
-        axes.set(xlabel=f"true {name_of(name)}", ylabel="told", aspect="equal", adjustable="datalim")
+        axes.set(xlabel=f"true {name_of(name)}", ylabel="told", aspect="equal")
         axes.grid()
     return figure
 
@@ -101,6 +102,7 @@ def draw_costs(compared: Compared, is_events: bool) -> Figure:
                       alpha=0.9, label=label)  # fmt: skip
     axes.set(xscale="log", xlabel=f"energy estimate per {'second' if is_events else 'answer'} (nJ)", ylabel="score")
     axes.set_ylim(max(axes.get_ylim()[0], -1.0), None)
+    write_out_log_ticks(axes.xaxis)
     axes.grid()
     add_legend(figure, [axes], ncols=4)
     return figure

@@ -34,6 +34,8 @@ from neurotact.studies.study import Cell, StudySpec, by_split, split_columns, va
 
 EVERY_MS = 10.0
 """Between two decisions of a rival, about."""
+SLOW = ("SVM",)
+"""Those whose decisions all along recordings would take longer than all others together."""
 SIDES = ("train", "validation", "test")
 
 
@@ -131,6 +133,8 @@ def _rows(
     of_spikes = opponents.spike_inputs(sliding.trains, (second_ms, first_ms), sliding.cuts, level, **counts)
     for one in chain(islice(of_signals, 2), islice(of_spikes, 2)):
         for name, rival in one.opponents.items():
+            if name in SLOW:
+                continue
             n_train = int(sliding.cuts.sides[0].sum())
             if rival.most_examples is not None and n_train > rival.most_examples:
                 say(f"baselines: no {name} on {one.column}: {n_train} training windows, at most {rival.most_examples}")
@@ -145,7 +149,9 @@ def _row(one: Input, name: str, rival: opponent.Opponent, sliding: Sliding, pric
     sides, n_labels = sliding.cuts.sides, len(events.names_of(sliding.trains))
     given = opponent.Sides(*(scaled[side] for side in sides), *(sliding.labels[side] for side in sides))
     best = opponent.best_of(rival, given, 0)
-    values = values_of(best.fitted, scaled, n_labels)
+    used = np.isin(sliding.cuts.windows.trial, np.concatenate(sliding.parts[1:]))
+    values = np.zeros((len(scaled), n_labels))
+    values[used] = values_of(best.fitted, scaled[used], n_labels)
     held, test = (sliding.heard(values, side) for side in (sliding.parts.validation, sliding.parts.test))
     rule = detector.rule_for(held, sliding.task)
     found, _, _ = detector.judged(sliding.trains, test, rule)

@@ -41,15 +41,13 @@ def with_ranges(training: Recordings, name: str) -> Recordings:
 
 
 def stretches(training: Recordings) -> Recordings:
-    """A trial for each mark, with its label, behind the beginning of its recording.
+    """A trial for each mark, with its label, and for each stretch without one, behind the beginning of its recording.
 
-    Unmarked time is a class, too, where marks have one label alone: elsewhere it may well be silent.
+    Without unmarked time, a baseline that forgets the level of a touch would separate the labels best.
     """
-    found = [*_marked(training)]
-    labels = {label for _, _, _, label in found if label != marks.NONE}
-    kept = [one for one in found if one[3] != marks.NONE or len(labels) < 2]
-    if not kept:
-        raise InputError(f"{training.source or 'recordings'}: no training recording has a mark of {SHORTEST_s:g} s")
+    kept = [*_marked(training)]
+    if len({label for *_, label in kept}) < 2:
+        raise InputError(f"{training.source or 'recordings'}: training recordings have no two labels that last {SHORTEST_s:g} s")
     head = round(HEAD_s * training.sampling_rate_Hz)
     signals = [
         np.concatenate([training.signals[trial][: min(head, first)], training.signals[trial][first:last]])
