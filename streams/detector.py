@@ -183,6 +183,12 @@ def scores(recordings: Sequence[Heard], rule: DetectorSpec) -> dict[int, float]:
     return found
 
 
+def delays_ms(recordings: Sequence[Heard], rule: DetectorSpec) -> dict[int, float]:
+    """By recording, the mean delay of its hits; without those that have none."""
+    found = {one.trial: [row[6] for row in rows_of(one, rule) if row[7] == HIT] for one in recordings}
+    return {trial: float(np.mean(delays)) for trial, delays in found.items() if delays}
+
+
 def choose(network: Network, trains: SpikeTrains, trials: Iterable[int], task: Task) -> DetectorSpec:
     """As `rule_for` validation recordings, as a network hears them."""
     return rule_for(heard(network, trains, trials, names_of(trains)), task)

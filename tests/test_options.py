@@ -651,6 +651,8 @@ WAYS = {
                 "--folds": SPLITS,
                 "--leave-out-each": "tests/studies/test_automatic.py",
                 "--repeats": SPLITS,
+                "--target": "tests/of_studies/targets/test_studies_of_targets.py",
+                "--false-alarms-per-h": "tests/of_studies/targets/test_studies_of_targets.py",
                 "--set": "tests/studies/test_study.py",
                 "--workers": "tests/studies/test_scheduler.py",
                 "--scheduler": "tests/studies/test_scheduler.py",

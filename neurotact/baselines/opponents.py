@@ -333,7 +333,7 @@ def _right(opponent: Opponent, one: Candidate, sides: Sides, side: str, width: s
 def _errors(one: Candidate, sides: Sides, training: np.ndarray) -> list[float]:
     """The root-mean-square error of each number on test windows in its unit; training: numbers of training windows."""
     wrong = one.fitted.predict(sides.test).reshape(sides.y_test.shape) - sides.y_test
-    return (np.sqrt(np.square(wrong).mean(axis=0)) * training.std(axis=0)).tolist()
+    return (np.sqrt(np.square(wrong).mean(axis=0)) * training.std(axis=0, dtype=float)).tolist()
 
 
 def _best_candidates(opponent: Opponent, sides: Sides) -> dict[str, _Chosen]:

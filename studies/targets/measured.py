@@ -15,8 +15,8 @@ from neurotact.networks.training.trainer import Trained
 from neurotact.networks.use import measuring
 from neurotact.tables import records
 
-HELD = "held"
-"""Of a result: as `right`, by validation trial."""
+HELD, DELAYS = "held", "delays_ms"
+"""Of a result: as `right`, by validation trial; the mean delay of hits, by test recording."""
 
 
 def measured_target(
@@ -58,4 +58,5 @@ def _of_events(
     test, held = (detector.heard(fitted.network, trains, side, names) for side in (parts.test, parts.validation))
     row, tables, _ = detector.judged(trains, test, rule)
     found = {name.removesuffix(".csv"): records(table) for name, table in tables.items()}
-    return {HELD: detector.scores(held, rule), "right": detector.scores(test, rule)}, {"row": row, **found}
+    scores = {HELD: detector.scores(held, rule), "right": detector.scores(test, rule)}
+    return {**scores, DELAYS: detector.delays_ms(test, rule)}, {"row": row, **found}

@@ -14,6 +14,7 @@ import numpy as np
 import pandas as pd
 from neurotact_parts.streams import detector
 from neurotact_parts.streams.detector import Heard
+from neurotact_parts.studies.targets.measured import DELAYS
 from sklearn.preprocessing import StandardScaler
 
 from neurotact.baselines import opponent, opponents
@@ -108,7 +109,8 @@ def tables_of(
 ) -> tuple[pd.DataFrame, pd.DataFrame]:
     """The rivals on the spikes of each encoder and split, once on signals, and their scores by recording.
 
-    The tables have the form of those of classifiers; accuracies are of windows. Energy is of a second.
+    The tables have the form of those of classifiers; accuracies are of windows. Energy is of a second. A third side of
+    a recording has the mean delay of its hits.
     """
     rows, trials = [], []
     for group in by_split(cells):
@@ -156,6 +158,7 @@ def _row(one: Input, name: str, rival: opponent.Opponent, sliding: Sliding, pric
     rule = detector.rule_for(held, sliding.task)
     found, _, _ = detector.judged(sliding.trains, test, rule)
     scores = {"validation": detector.scores(held, rule), "test": detector.scores(test, rule)}
+    scores[DELAYS] = detector.delays_ms(test, rule)
     accuracies = {
         f"accuracy_{side}": opponent.accuracy(best, scaled[place], sliding.labels[place])
         for side, place in zip(SIDES[1:], sides[1:], strict=True)

@@ -47,7 +47,9 @@ def stretches(training: Recordings) -> Recordings:
     """
     kept = [*_marked(training)]
     if len({label for *_, label in kept}) < 2:
-        raise InputError(f"{training.source or 'recordings'}: training recordings have no two labels that last {SHORTEST_s:g} s")
+        raise InputError(
+            f"{training.source or 'recordings'}: training recordings have no two labels that last {SHORTEST_s:g} s"
+        )
     head = round(HEAD_s * training.sampling_rate_Hz)
     signals = [
         np.concatenate([training.signals[trial][: min(head, first)], training.signals[trial][first:last]])

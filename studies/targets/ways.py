@@ -9,10 +9,10 @@ import numpy as np
 import pandas as pd
 from neurotact_parts.streams import detector
 from neurotact_parts.streams.detector import HIT, Tally
-from neurotact_parts.studies.targets.measured import HELD
+from neurotact_parts.studies.targets.measured import DELAYS, HELD
 
 from neurotact.metrics import referee
-from neurotact.metrics.paired import compare_by_trial
+from neurotact.metrics.paired import Paired, compare_by_trial
 from neurotact.metrics.referee import Verdict
 from neurotact.networks.training import numbers
 from neurotact.report import periods
@@ -27,7 +27,7 @@ class Way(NamedTuple):
 
     kind, source: what decides, and from what. held, tested: the score of each validation and test trial. nJ, sops,
     spikes: of an answer, of a detector in a second; NaN if not counted. found: errors or events, as columns of results.
-    cells: of a network.
+    cells: of a network. delays_ms: of a detector, the mean of the hits of each test recording.
     """
 
     kind: str
@@ -39,6 +39,7 @@ class Way(NamedTuple):
     sops: float = math.nan
     spikes: float = math.nan
     cells: tuple[Cell, ...] = ()
+    delays_ms: Mapping[str, float] = {}
 
     @property
     def name(self) -> str:
@@ -97,6 +98,12 @@ class Compared(NamedTuple):
         return cls(networks, others, best, chosen, verdict, rivals[verdict.decisive] if verdict else None, comparable)
 
     @property
+    def later(self) -> Paired | None:
+        """By how many ms the chosen detector is later than the rival, over recordings in which both have hits."""
+        mine, its = self.chosen.delays_ms, self.beside.delays_ms if self.beside else {}
+        return compare_by_trial(mine, its) if mine.keys() & its.keys() else None
+
+    @property
     def kind(self) -> str:
         """The kind of the verdict; `nothing learned` where the score may be that of no knowledge."""
         if self.chosen.interval[0] <= 0:
@@ -125,6 +132,7 @@ def networks_of(folder: Path, rows: pd.DataFrame, done: Sequence[Cell], target: 
             float(own["whole_sops"].mean()) / window_s,
             float(own["whole_spikes"].mean()) / window_s,
             tuple(cells),
+            _mean([result.get(DELAYS, {}) for result in results]),
         )
 
 
@@ -177,12 +185,13 @@ def rivals_of(tables: Mapping[str, pd.DataFrame], study: StudySpec, target: Sequ
         of, _, words = str(source).partition(": ")
         spikes = "" if pd.isna(own["t_ref_ra_ms"].iloc[0]) or pair == periods.NONE else f" of {periods.in_ms(pair)}"
         its = trials[trials["baseline"].isin(own.index)]
-        held, tested = (
+        held, tested, delays = (
             {str(trial): score for trial, score in its[its["side"] == side].groupby("trial")["right"].mean().items()}
-            for side in ("validation", "test")
+            for side in ("validation", "test", DELAYS)
         )
         errors = {
             name: float(own[name].pow(2).mean() ** 0.5) for name in (f"rmse_{name}" for name in target) if name in own
         }
         found = _over(own, 1.0) if [*target] == [EVENTS] else errors
-        yield Way(str(kind), f"{of}{spikes} ({words})", held, tested, float(own["nJ_per_s"].mean()), found)
+        spent = float(own["nJ_per_s"].mean())
+        yield Way(str(kind), f"{of}{spikes} ({words})", held, tested, spent, found, delays_ms=delays)

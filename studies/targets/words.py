@@ -226,7 +226,11 @@ class _Events:
             return f"Nothing was learned that holds on test recordings: {own}"
         if rival is None:
             return f"{own[:1].upper()}{own[1:]}; no rival was fitted"
-        lead = {"better": "Spiking detects better", "worse": "Spiking detects worse", "tie": "No clear difference"}
+        tie = "No clear difference in what is found"
+        if (later := compared.later) is not None and later.is_clear:
+            sooner = "later" if later.difference > 0 else "sooner"
+            tie += f", and spiking is {abs(later.difference):.0f} ms {sooner} (p = {later.p:.1g})"
+        lead = {"better": "Spiking detects better", "worse": "Spiking detects worse", "tie": tie}
         said = f"{lead[compared.kind]}: {own}, {rival.name} {_hits(rival)} after {_delay(rival)} with {_alarms(rival)}"
         return f"{said} ({_chance(compared).replace('trials', 'recordings')})"
 
