@@ -52,7 +52,7 @@ def draw_told(told: pd.DataFrame, target: Sequence[str]) -> Figure:
         ends = [min(true.min(), value.min()), max(true.max(), value.max())]
         axes.plot(ends, ends, color=MUTED, lw=0.8, ls="--", zorder=0)
         axes.plot(true, value, "o", ms=3, mew=0, alpha=0.5, color=SA)
-        axes.set(xlabel=f"true {name_of(name)}", ylabel="told", aspect="equal")
+        axes.set(xlabel=f"true {name_of(name)}", ylabel=f"told {name_of(name)}", aspect="equal")
         axes.grid()
     return figure
 

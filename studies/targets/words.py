@@ -90,13 +90,25 @@ def _of_energy(compared: Compared, prices: str, each: str) -> Figure:
     spent = "not counted" if math.isnan(chosen.nJ) else energy(chosen.nJ)
     of = f"an estimate by {prices}; {count(chosen.spikes)} input spikes, {count(chosen.sops)} SOPs"
     against = ""
-    if fair is not None and not math.isnan(chosen.nJ):
-        ratio = max(fair.nJ, chosen.nJ) / min(fair.nJ, chosen.nJ)
-        more = "times as much as" if chosen.nJ > fair.nJ else "times less than"
-        against = f"{fair.name}: {energy(fair.nJ)}"
-        if ratio >= 1.2:
-            against = f"{count(ratio, 2)} {more} {fair.name} ({energy(fair.nJ)}, score {fair.score:.3f})"
+    if fair is not None:
+        ratio = _ratio(compared, "")
+        against = f"{ratio or fair.name} ({energy(fair.nJ)}, score {fair.score:.3f})"
     return Figure(f"energy {each}", spent, of, against)
+
+
+def _ratio(compared: Compared, what: str) -> str:
+    """How many times as much energy spiking takes as the cheapest fair rival on signals; empty if about as much."""
+    chosen, fair = compared.chosen, compared.comparable
+    if fair is None or not chosen.nJ > 0 or max(ratio := chosen.nJ / fair.nJ, 1 / ratio) < 1.2:
+        return ""
+    times, than = ("as much", "as") if ratio > 1 else ("less", "than")
+    return f"{count(max(ratio, 1 / ratio), 2)} times {times}{what} {than} {fair.name}"
+
+
+def _tie(compared: Compared, said: str) -> str:
+    """That there is no clear difference, and what it costs."""
+    ratio = _ratio(compared, " energy")
+    return f"{said}{ratio and f', and spiking takes {ratio} (an estimate)'}"
 
 
 def _table(compared: Compared, told: "_Numbers | _Events") -> Table:
@@ -178,7 +190,8 @@ class _Numbers:
         if rival is None:
             return f"The chosen network errs by {own}; no rival was fitted"
         its = " and ".join(self.error(rival, name) for name in self.target)
-        lead = {"better": "Spiking is more exact", "worse": "Spiking costs exactness", "tie": "No clear difference"}
+        tie = _tie(compared, "No clear difference")
+        lead = {"better": "Spiking is more exact", "worse": "Spiking costs exactness", "tie": tie}
         said = f"{lead[compared.kind]}: the chosen network errs by {own}, {rival.name} by {its}"
         return f"{said} ({_chance(compared)})"
 
@@ -230,6 +243,7 @@ class _Events:
         if (later := compared.later) is not None and later.is_clear:
             sooner = "later" if later.difference > 0 else "sooner"
             tie += f", and spiking is {abs(later.difference):.0f} ms {sooner} (p = {later.p:.1g})"
+        tie = _tie(compared, tie)
         lead = {"better": "Spiking detects better", "worse": "Spiking detects worse", "tie": tie}
         said = f"{lead[compared.kind]}: {own}, {rival.name} {_hits(rival)} after {_delay(rival)} with {_alarms(rival)}"
         return f"{said} ({_chance(compared).replace('trials', 'recordings')})"

@@ -231,6 +231,22 @@ def test_few_long_recordings_are_cut_outside_of_marks_and_lose_nothing():
     assert parts_of_recordings(slips(n=10, duration_s=3.0)).lengths.tolist() == [3000] * 10
 
 
+def test_each_recording_of_detectors_is_tested_once_and_each_has_a_hidden_layer(place):
+    given = {"way": "targets", "parameters": {"target": ["events"]}}
+    touches = hdf5.load_recordings(place / "slips.h5")
+    for quick, sizes in ((True, {20}), (False, {20, 50})):
+        what = loading.resolve("own-recordings", given, quick=quick, data=place / "slips.h5")
+        cells = [*loading.engine_of(what).cells(what)]
+        assert {cell.network.hidden for cell in cells} == sizes
+        splits = {cell.split.model_dump_json(): tasks.split_of(touches, task_of(cell)).test for cell in cells}
+        assert sorted(np.concatenate([*splits.values()]).tolist()) == [*range(12)]
+        assert {(cell.window.per_trial, cell.window.hop_ms, cell.network.model) for cell in cells} == {
+            (None, 75, "snn")
+        }
+    what = loading.resolve("own-recordings", {**given, "split.test": 0.3}, data=place / "slips.h5")
+    assert "split.fold" not in what.sweep
+
+
 # Rivals
 
 
@@ -396,3 +412,33 @@ def test_a_python_call_takes_what_a_command_takes(place):
 def _resolved(place):
     given = {**FEW, "way": "targets", "parameters": {"target": ["force_N"]}}
     return loading.resolve("own-recordings", given, data=place / "presses.h5")
+
+
+@pytest.mark.thorough
+@pytest.mark.parametrize(
+    ("name", "options"),
+    [
+        ("presses", ["--target", "force_N", "--test-where", "speed=2"]),
+        ("presses", ["--target", "force_N", "--leave-out-each", "speed"]),
+        ("presses", ["--target", "force_N", "--folds", "3", "--where", "speed=1"]),
+        ("presses", ["--target", "force_N", "--set", "baselines=none"]),
+        ("presses", ["--target", "force_N", "--set", "sweep.network.hidden=[0, 3]"]),
+        ("few", ["--target", "events", "--set", "sweep.network.hidden=[12]", "--set", "network.training.epochs=4"]),
+    ],
+)
+@pytest.mark.filterwarnings("ignore:training. :UserWarning")
+def test_other_splits_and_sets_are_answered_too(place, name, options, tmp_path):
+    if name == "few":
+        hdf5.save_recordings(slips(n=3, duration_s=24.0), place / "few.h5")
+    with studies_here() as patch:
+        without_pictures(patch)
+        command = ["study", "run", "own-recordings", "--quick", "--data", place / f"{name}.h5", "-o", tmp_path / "run"]
+        done = typed(*command, *AS_TYPED, *options)
+    assert done.code == 0, done.err
+    answer = json.loads((tmp_path / "run" / "answer.json").read_text())["answers"][0]
+    assert ("no rival was fitted" in answer["short"]) == ("baselines=none" in options)
+    assert done.out.splitlines()[-1] == f"{answer['short']}."
+    if "--folds" in options:
+        assert answer["test_trials"] == 20
+    if name == "few":
+        assert answer["network"]["tested_s"] == pytest.approx(12.0)  # two of twelve parts
