@@ -15,6 +15,9 @@ from neurotact.figures.columns import name_of
 from neurotact.figures.style import INK, MUTED, SA, SERIES, Drawn, add_legend, new_figure, new_panels, printed
 from neurotact.studies.store import result_of
 
+POINTS = 40
+"""Of an operating curve."""
+
 
 def drawings(compared: Mapping[str, Compared], folder: Path, target: Sequence[str]) -> Iterator[Drawn]:
     """For each data set what the chosen network told, and the score of each way over its energy."""
@@ -26,8 +29,8 @@ def drawings(compared: Mapping[str, Compared], folder: Path, target: Sequence[st
             curves = [pd.DataFrame(tables["operating_curve"]) for tables in results]
             yield Drawn(
                 f"operating-curve{last}", f"Hits and false alarms{of}", draw_curves(curves, one),
-                "The chosen network at each threshold, a line per training; the point is at the threshold that "
-                "validation chose. Rivals at theirs.",
+                "The chosen network at each threshold, the mean over trainings; the point is at the threshold that "
+                "validation chose, and rivals are at theirs.",
                 "Share of events found against false alarms an hour.",
             )  # fmt: skip
         else:
@@ -59,17 +62,17 @@ def draw_told(told: pd.DataFrame, target: Sequence[str]) -> Figure:
 
 @printed
 def draw_curves(curves: Sequence[pd.DataFrame], compared: Compared) -> Figure:
-    """Operating curves, and the point of each way."""
+    """The operating curve, a mean over trainings at equal quantiles of the lead, and the point of each way."""
     figure = new_figure(3.2)
     axes = figure.subplots()
-    for number, curve in enumerate(curves):
-        rows = curve.sort_values("false_alarms_per_h")
-        label = {"label": "chosen network, each threshold"} if not number else {}
-        axes.plot(rows["false_alarms_per_h"], 100 * rows["hit_share"], color=SA, lw=0.8, alpha=0.6, **label)
+    at = [curve.sort_values("threshold").iloc[np.linspace(0, len(curve) - 1, POINTS).astype(int)] for curve in curves]
+    alarms, hits = (np.mean([rows[key] for rows in at], axis=0) for key in ("false_alarms_per_h", "hit_share"))
+    axes.plot(alarms, 100 * hits, color=SA, label="chosen network, each threshold")
     for way in compared.others:
         _point(axes, way.found, marker="s", color=MUTED, ms=4, label="rivals")
     _point(axes, compared.chosen.found, marker="o", color=INK, ms=6, label="chosen network")
-    axes.set(xlabel="false alarms an hour", ylabel="events found (%)", ylim=(0, 102), xlim=(0, None))
+    most = max(one.found["false_alarms_per_h"] for one in (compared.chosen, *compared.others))
+    axes.set(xlabel="false alarms an hour", ylabel="events found (%)", ylim=(0, 102), xlim=(0, 1.1 * most or None))
     axes.grid()
     add_legend(figure, [axes], ncols=3)
     return figure

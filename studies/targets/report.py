@@ -5,6 +5,7 @@ from pathlib import Path
 from typing import Any
 
 import pandas as pd
+from neurotact_parts.streams import detector
 from neurotact_parts.studies.targets import figures
 from neurotact_parts.studies.targets.engine import cells, parameters_of
 from neurotact_parts.studies.targets.ways import EVENTS, Compared, Way, networks_of, rivals_of
@@ -67,7 +68,7 @@ def write(study: StudySpec, folder: Path) -> Path:
     screens = [
         screen(setting, one, target, study.prices.name, _place(folder, one.chosen)) for setting, one in compared.items()
     ]
-    said = [*_cautions(study, folder, done)]
+    said = [*_alarms(compared, study), *_cautions(study, folder, done)]
     write_json(folder / ANSWER, {"answers": [one.in_words() for one in screens], "cautions": said})
     view = _view(target)
     means = ways.over_rows(_rows(compared), view)
@@ -137,6 +138,20 @@ def _answer(setting: str, one: Compared, means: pd.DataFrame, view: View) -> Any
     return Answer(
         (best, chosen), best, chosen, best.choice_error, chosen, (), None, (), None, float("nan"), setting, measure
     )
+
+
+def _alarms(compared: dict[str, Compared], study: StudySpec) -> Iterator[str]:
+    """That a detector has clearly more false alarms than were allowed on validation recordings."""
+    allowed = parameters_of(study.parameters).false_alarms_per_h
+    allowed = detector.FALSE_ALARMS_PER_H if allowed is None else allowed
+    for one in compared.values():
+        found = one.chosen.found
+        if found.get("false_alarms_per_h_low", 0.0) > allowed:
+            yield (
+                f"the chosen detector has {found['false_alarms_per_h']:.3g} false alarms an hour, clearly more than "
+                f"the {allowed:g} that were allowed on validation recordings: these are too short to show so few; "
+                "record longer, or allow more (`false_alarms_per_h`)"
+            )
 
 
 def _cautions(study: StudySpec, folder: Path, done: Sequence[Cell]) -> Iterator[str]:

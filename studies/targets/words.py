@@ -105,10 +105,16 @@ def _ratio(compared: Compared, what: str) -> str:
     return f"{count(max(ratio, 1 / ratio), 2)} times {times}{what} {than} {fair.name}"
 
 
-def _tie(compared: Compared, said: str) -> str:
-    """That there is no clear difference, and what it costs."""
-    ratio = _ratio(compared, " energy")
-    return f"{said}{ratio and f', and spiking takes {ratio} (an estimate)'}"
+def _tie(compared: Compared, of: str = "") -> str:
+    """That there is no clear difference in scores, and what else differs: delays, and energy."""
+    said, later = [], compared.later
+    if later is not None and later.is_clear:
+        said = [
+            f"is {abs(later.difference):.0f} ms {'later' if later.difference > 0 else 'sooner'} (p = {later.p:.1g})"
+        ]
+    if ratio := _ratio(compared, " energy"):
+        said.append(f"takes {ratio} (an estimate)")
+    return f"No clear difference{of}" + (f"; spiking {' and '.join(said)}" if said else "")
 
 
 def _table(compared: Compared, told: "_Numbers | _Events") -> Table:
@@ -190,8 +196,7 @@ class _Numbers:
         if rival is None:
             return f"The chosen network errs by {own}; no rival was fitted"
         its = " and ".join(self.error(rival, name) for name in self.target)
-        tie = _tie(compared, "No clear difference")
-        lead = {"better": "Spiking is more exact", "worse": "Spiking costs exactness", "tie": tie}
+        lead = {"better": "Spiking is more exact", "worse": "Spiking costs exactness", "tie": _tie(compared)}
         said = f"{lead[compared.kind]}: the chosen network errs by {own}, {rival.name} by {its}"
         return f"{said} ({_chance(compared)})"
 
@@ -224,8 +229,8 @@ class _Events:
             f"{found['false_alarms']:.0f} in {found['tested_s']:.0f} s, 95 % interval "
             f"{found['false_alarms_per_h_low']:.3g} to {found['false_alarms_per_h_high']:.3g} an hour"
         )
-        against = before and f"{before}{_alarms(rival)}"
-        yield Figure("false alarms", _alarms(self.compared.chosen), of, against)
+        alarms, its = (_alarms(one).replace(" false alarms", "") for one in (self.compared.chosen, rival))
+        yield Figure("false alarms", alarms, of, before and f"{before}{its}")
 
     def last(self) -> Iterator[Figure]:
         """Nothing more."""
@@ -239,11 +244,7 @@ class _Events:
             return f"Nothing was learned that holds on test recordings: {own}"
         if rival is None:
             return f"{own[:1].upper()}{own[1:]}; no rival was fitted"
-        tie = "No clear difference in what is found"
-        if (later := compared.later) is not None and later.is_clear:
-            sooner = "later" if later.difference > 0 else "sooner"
-            tie += f", and spiking is {abs(later.difference):.0f} ms {sooner} (p = {later.p:.1g})"
-        tie = _tie(compared, tie)
+        tie = _tie(compared, " in what is found")
         lead = {"better": "Spiking detects better", "worse": "Spiking detects worse", "tie": tie}
         said = f"{lead[compared.kind]}: {own}, {rival.name} {_hits(rival)} after {_delay(rival)} with {_alarms(rival)}"
         return f"{said} ({_chance(compared).replace('trials', 'recordings')})"

@@ -15,7 +15,7 @@ from levels import examples, thinned
 from neurotact_parts.streams import detector
 from neurotact_parts.streams.detector import DetectorSpec, Heard
 from neurotact_parts.streams.long_recordings import parts_of_recordings
-from neurotact_parts.studies.targets import engine, trials, words
+from neurotact_parts.studies.targets import engine, report, trials, words
 from neurotact_parts.studies.targets.rivals import EVERY_MS, Sliding, values_of
 from neurotact_parts.studies.targets.ways import Compared, Way
 
@@ -331,7 +331,9 @@ def test_the_verdict_is_one_sentence_with_both_errors(score, kind, lead):
     compared = Compared.of([NETWORK], [way("ridge regression", score)])
     assert compared.kind == kind
     said = words.screen("all", compared, ["force_N"], "memory-45nm", "cells/a")
-    assert said.verdict.startswith(f"{lead}: the chosen network errs by 0.2 N of force (95 % interval 0.1 to 0.9)")
+    assert said.verdict.startswith(lead)
+    assert ("; spiking takes 3 times as much energy as ridge regression" in said.verdict) == (kind == "tie")
+    assert ": the chosen network errs by 0.2 N of force (95 % interval 0.1 to 0.9)" in said.verdict
     assert f"by {1 - score:.3g} N" in said.verdict
     assert said.verdict.count(". ") == 0
 
@@ -344,6 +346,17 @@ def test_detectors_that_find_as_much_are_told_apart_by_their_delays(apart_ms, sa
     told = words._Events(Compared.of([ours], [rival])).verdict()
     assert told.startswith("No clear difference in what is found")
     assert (said or "no more") in told if said else "ms later" not in told
+
+
+@pytest.mark.parametrize("allowed", [5.0, 20.0])
+def test_a_detector_with_more_false_alarms_than_were_allowed_is_told_of(allowed):
+    found = {"false_alarms_per_h": 30.0, "false_alarms_per_h_low": 12.0}
+    compared = Compared.of([NETWORK._replace(found=found)], [])
+    of = SimpleNamespace(parameters={"target": ["events"], "false_alarms_per_h": allowed})
+    told = [*report._alarms({"all": compared}, of)]
+    assert [line.startswith("the chosen detector has 30 false alarms an hour") for line in told] == [True] * (
+        allowed < 12
+    )
 
 
 def test_nothing_is_learned_where_the_mean_does_as_well():
@@ -404,6 +417,9 @@ def test_other_studies_take_no_target(place):
 def test_a_python_call_takes_what_a_command_takes(place):
     with pytest.raises(InputError, match="refuse"):
         nt.run_study("own-recordings", place / "no", data=place / "presses.h5", learn=nt.Learn(refuse=0.1))
+    learn = nt.Learn(target="force_N", balance="classes")
+    with pytest.raises(InputError, match="balance: is of classes"):
+        nt.run_study("own-recordings", place / "no", data=place / "presses.h5", learn=learn)
     with pytest.raises(InputError, match="data"):
         nt.run_study("own-recordings", place / "no", learn=nt.Learn(target="force_N"))
     assert cell_folder(place, next(engine.cells(_resolved(place)))).name
