@@ -131,8 +131,8 @@ def _rows(
     first_ms, second_ms = t_ref_pair_ms(cell.encoder)
     level = "linear" if study.baselines in ("linear", "readout") else "quick"
     of_signals = opponents.signal_inputs(recordings, sliding.cuts, level) if is_first else iter(())
-    counts = {"is_first": is_first, "encoding": study.encoding_in == "processor"}
-    of_spikes = opponents.spike_inputs(sliding.trains, (second_ms, first_ms), sliding.cuts, level, **counts)
+    pair, counts = (second_ms, first_ms), study.encoding_in == "processor"
+    of_spikes = opponents.spike_inputs(sliding.trains, pair, sliding.cuts, level, is_first=is_first, encoding=counts)
     for one in chain(islice(of_signals, 2), islice(of_spikes, 2)):
         for name, rival in one.opponents.items():
             if name in SLOW:

@@ -17,7 +17,7 @@ from neurotact.metrics.referee import Verdict
 from neurotact.networks.training import numbers
 from neurotact.report import periods
 from neurotact.studies.store import result_of
-from neurotact.studies.study import Cell, StudySpec, by_split
+from neurotact.studies.study import Cell, StudySpec, by_split, encoder_columns
 
 EVENTS = "events"
 
@@ -123,17 +123,12 @@ def networks_of(folder: Path, rows: pd.DataFrame, done: Sequence[Cell], target: 
         results = [result_of(folder, cell) for cell in cells]
         window_s = 1e-3 * own["whole_ms"].mean() if [*target] == [EVENTS] else 1.0
         found = _events(results, len(cells) / len(by_split(cells))) if [*target] == [EVENTS] else _told(results, target)
+        held, tested, delays = (_mean([result.get(side, {}) for result in results]) for side in (HELD, "right", DELAYS))
+        nJ, sops, spikes = (float(own[f"whole_{key}"].mean()) / window_s for key in ("nJ", "sops", "spikes"))
         yield Way(
-            f"network, {f'{hidden} neurons' if hidden else 'no hidden layer'}",
-            f"spikes of {periods.in_ms(str(pair))}",
-            *(_mean([result[side] for result in results]) for side in (HELD, "right")),
-            float(own["whole_nJ"].mean()) / window_s,
-            {**found, "ms": float(own["whole_ms"].mean())},
-            float(own["whole_sops"].mean()) / window_s,
-            float(own["whole_spikes"].mean()) / window_s,
-            tuple(cells),
-            _mean([result.get(DELAYS, {}) for result in results]),
-        )
+            f"network, {f'{hidden} neurons' if hidden else 'no hidden layer'}", f"spikes of {periods.in_ms(str(pair))}",
+            held, tested, nJ, {**found, "ms": float(own["whole_ms"].mean())}, sops, spikes, tuple(cells), delays,
+        )  # fmt: skip
 
 
 def _mean(scores: Sequence[Mapping[str, float]]) -> dict[str, float]:
@@ -145,8 +140,8 @@ def _mean(scores: Sequence[Mapping[str, float]]) -> dict[str, float]:
 def _told(results: Sequence[Mapping[str, Any]], target: Sequence[str]) -> dict[str, float]:
     """The errors of what was told of all test windows."""
     told = pd.concat([pd.DataFrame(result["tables"]["told"]) for result in results])
-    both = (told[[f"{side}_{name}" for name in target]].to_numpy(float) for side in ("told", "true"))
-    return numbers.errors(*both, target, told["trial"].to_numpy())
+    values, labels = (told[[f"{side}_{name}" for name in target]].to_numpy(float) for side in ("told", "true"))
+    return numbers.errors(values, labels, target, told["trial"].to_numpy())
 
 
 def _events(results: Sequence[Mapping[str, Any]], starts: float) -> dict[str, float]:
@@ -179,7 +174,7 @@ def rivals_of(tables: Mapping[str, pd.DataFrame], study: StudySpec, target: Sequ
     rows, trials = tables["baselines"], tables["baselines_trials"]
     if "nJ_per_s" not in rows:
         rows = rows.assign(nJ_per_s=study.prices.energy_nJ(rows))
-    by = ["classifier", "input", "t_ref_ra_ms", "t_ref_sa_ms"]
+    by = ["classifier", "input", "t_ref_ra_ms", "t_ref_sa_ms", *(key for key in encoder_columns(study) if key in rows)]
     for (kind, source, *_), own in rows.groupby(by, sort=False, dropna=False):
         pair = next(iter(periods.of_rows(own, study)))
         of, _, words = str(source).partition(": ")

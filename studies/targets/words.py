@@ -173,7 +173,8 @@ class _Numbers:
             against = "" if rival is None else f"{rival.name}: {self.error(rival, name)}"
             yield Figure(f"error of {name}", self.error(chosen, name), of, against)
         low, high = chosen.interval
-        against = "" if rival is None else f"{rival.name}: {rival.score:.3f}, {p_of(self.compared.verdict)}"
+        verdict = self.compared.verdict
+        against = "" if rival is None or verdict is None else f"{rival.name}: {rival.score:.3f}, {p_of(verdict)}"
         of = f"1 is perfect, 0 the mean of training; 95 % interval {low:.3f} to {high:.3f}, {n} test trials"
         yield Figure("score", f"{chosen.score:.3f}", of, against)
 
