@@ -26,9 +26,12 @@ from neurotact.networks.training import run_folder, tasks
 from neurotact.networks.use import ledger
 
 START = {"conditioning.baseline": "start"}
-SETS = {"gratings": (["speed_mm_per_s", "force_N"], 500.0), "cubes": (["force_max_N"], None)}
-COLUMNS = ["set", "target", "who", "input", "settings", "accuracy_validation", "accuracy_test", "rmse", "n_train",
-           "n_test", "flops", "bytes", "energy_estimate_nJ", "signal_ms"]  # fmt: skip
+SETS = {
+    "gratings": (["speed_mm_per_s", "force_N"], nt.Window(length_ms=500.0)),
+    "cubes": (["force_max_N"], nt.Window()),
+}
+COLUMNS = ["set", "target", "who", "input", "settings", "accuracy_validation", "accuracy_test", "accuracy_test_8bit",
+           "rmse", "flops", "bytes", "energy_estimate_nJ", "signal_ms"]  # fmt: skip
 
 
 def touches_of(name: str) -> tuple[nt.Recordings, nt.SpikeTrains]:
@@ -78,17 +81,17 @@ def main() -> None:
     parser.add_argument("--settings", type=json.loads, default={})
     given, found = parser.parse_args(), []
     for name in given.set or SETS:
-        targets, length_ms = SETS[name]
+        targets, window = SETS[name]
         recordings, trains = touches_of(name)
         for target in targets:
             with TemporaryDirectory() as temporary:
                 spikes, run = Path(temporary) / "spikes.h5", Path(temporary) / "run"
                 nt.save(trains, spikes)
-                window, learn = nt.Window(length_ms=length_ms), nt.Learn(target=target)
-                row = nt.train(spikes, run, "default", given.settings, window=window, learn=learn)
+                learn = nt.Learn(target=target)
+                row = nt.train(spikes, run, "default", given.settings, window=window, learn=learn, tell=print)
                 every = [network_row(run, row, target)]
                 every += [] if given.opponents == "none" else rivals(recordings, run, target, given.opponents)
-            table = pd.DataFrame(every).assign(set=name, target=target)[COLUMNS]
+            table = pd.DataFrame(every).assign(set=name, target=target).reindex(columns=COLUMNS)
             print(table.drop(columns="set").round(3).to_string(), flush=True)
             found.append(table)
     pd.concat(found).to_csv(given.o / "numbers.csv", index=False, float_format="%.5g", lineterminator="\n")
