@@ -30,8 +30,8 @@ SETS = {
     "gratings": (["speed_mm_per_s", "force_N"], nt.Window(length_ms=500.0)),
     "cubes": (["force_max_N"], nt.Window()),
 }
-COLUMNS = ["set", "target", "who", "input", "settings", "accuracy_validation", "accuracy_test", "accuracy_test_8bit",
-           "rmse", "flops", "bytes", "energy_estimate_nJ", "signal_ms"]  # fmt: skip
+COLUMNS = ["set", "target", "who", "input", "settings", "accuracy_validation", "accuracy_test", "rmse",
+           "flops", "bytes", "energy_estimate_nJ", "signal_ms"]  # fmt: skip
 
 
 def touches_of(name: str) -> tuple[nt.Recordings, nt.SpikeTrains]:
