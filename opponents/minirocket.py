@@ -1,16 +1,16 @@
-"""MiniRocket: shares of positive values of many fixed convolutions, and a ridge classifier on them."""
+"""MiniRocket: shares of positive values of many fixed convolutions, and a ridge classifier or regression on them."""
 
 import copy
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from itertools import combinations, groupby
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 import torch
 from neurotact_parts.opponents import rounding
 from numpy.typing import ArrayLike
-from sklearn.base import BaseEstimator, ClassifierMixin, TransformerMixin
-from sklearn.linear_model import RidgeClassifier, RidgeClassifierCV
+from sklearn.base import BaseEstimator, ClassifierMixin, RegressorMixin, TransformerMixin
+from sklearn.linear_model import Ridge, RidgeClassifier, RidgeClassifierCV, RidgeCV
 from sklearn.pipeline import make_pipeline
 from sklearn.preprocessing import StandardScaler
 from sklearn.utils import check_random_state
@@ -132,7 +132,44 @@ class MiniRocket(TransformerMixin, BaseEstimator):
         return np.concatenate(features, axis=1)
 
 
-class MiniRocketClassifier(ClassifierMixin, BaseEstimator):
+class _OnMiniRocket(BaseEstimator):
+    """Ridge on standardised MiniRocket features; leave-one-out on training trials chooses its penalty."""
+
+    _searched: type
+    _last: type
+
+    def __init__(self, features: int = FEATURES, random_state: int | np.random.RandomState | None = None):
+        self.features = features
+        self.random_state = random_state
+
+    def fit(self, X: ArrayLike, y: ArrayLike) -> Any:
+        """Fit on X `(trial, time, channel)`, y `(trial,)`, or numbers `(trial, target)`."""
+        self.transform_ = MiniRocket(self.features, self.random_state)
+        features = self.transform_.fit_transform(X)
+        is_class = isinstance(self, ClassifierMixin)
+        labels = trial_labels(y, len(features)) if is_class else np.asarray(y)
+        some = part_of(labels, MOST_SEARCHED)
+        ridge = make_pipeline(StandardScaler(), self._searched(alphas=ALPHAS)).fit(features[some], labels[some])
+        if len(some) < len(labels):
+            say_once(
+                f"baselines: the penalty of MiniRocket is searched on {len(some):,} training windows, evenly over "
+                "their labels; it is fitted to all"
+            )
+            features = features.astype(np.float64)
+            last = self._last(ridge[-1].alpha_, copy_X=False, solver="cholesky")
+            ridge = make_pipeline(StandardScaler(copy=False), last).fit(features, labels)
+        self.ridge_ = ridge
+        if is_class:
+            self.classes_ = ridge.classes_
+        return self
+
+    def predict(self, X: ArrayLike) -> np.ndarray:
+        """Labels `(trial,)`, or numbers as they were fitted."""
+        check_is_fitted(self, "ridge_")
+        return self.ridge_.predict(self.transform_.transform(X))
+
+
+class MiniRocketClassifier(ClassifierMixin, _OnMiniRocket):
     """A ridge classifier on standardised MiniRocket features; leave-one-out on training trials chooses its penalty.
 
     features, random_state : as for `MiniRocket`. Attributes: classes_ `(class,)`; transform_, ridge_, the fitted parts.
@@ -142,33 +179,18 @@ class MiniRocketClassifier(ClassifierMixin, BaseEstimator):
     ['a', 'b']
     """
 
-    def __init__(self, features: int = FEATURES, random_state: int | np.random.RandomState | None = None):
-        self.features = features
-        self.random_state = random_state
+    _searched, _last = RidgeClassifierCV, RidgeClassifier
 
-    def fit(self, X: ArrayLike, y: ArrayLike) -> "MiniRocketClassifier":
-        """Fit on X `(trial, time, channel)`, y `(trial,)`."""
-        self.transform_ = MiniRocket(self.features, self.random_state)
-        features = self.transform_.fit_transform(X)
-        labels = trial_labels(y, len(features))
-        some = part_of(labels, MOST_SEARCHED)
-        ridge = make_pipeline(StandardScaler(), RidgeClassifierCV(alphas=ALPHAS)).fit(features[some], labels[some])
-        if len(some) < len(labels):
-            say_once(
-                f"baselines: the penalty of MiniRocket is searched on {len(some):,} training windows, evenly of each "
-                "class; it is fitted to all"
-            )
-            features = features.astype(np.float64)
-            last = RidgeClassifier(ridge[-1].alpha_, copy_X=False, solver="cholesky")
-            ridge = make_pipeline(StandardScaler(copy=False), last).fit(features, labels)
-        self.ridge_ = ridge
-        self.classes_ = self.ridge_.classes_
-        return self
 
-    def predict(self, X: ArrayLike) -> np.ndarray:
-        """Labels `(trial,)`."""
-        check_is_fitted(self, "ridge_")
-        return self.ridge_.predict(self.transform_.transform(X))
+class MiniRocketRegressor(RegressorMixin, _OnMiniRocket):
+    """Ridge regression on the same features, of a number `(trial,)` or several `(trial, target)`.
+
+    >>> X = np.random.default_rng(0).normal(size=(8, 50, 2))
+    >>> MiniRocketRegressor(features=84, random_state=0).fit(X, X[:, :, 0].std(axis=1)).predict(X).shape
+    (8,)
+    """
+
+    _searched, _last = RidgeCV, Ridge
 
 
 def dilations(n_steps: int, features: int) -> list[tuple[int, int]]:
@@ -250,7 +272,7 @@ class FixedConvolutions(Layer):
         )  # fmt: skip
 
 
-def _minirocket_layers(fitted: MiniRocketClassifier, x: np.ndarray) -> tuple[Layer, ...]:
+def _minirocket_layers(fitted: _OnMiniRocket, x: np.ndarray) -> tuple[Layer, ...]:
     _, n_steps, n_channels = x.shape
     convolutions = fitted.transform_.convolutions_
     made = FixedConvolutions(
@@ -260,10 +282,11 @@ def _minirocket_layers(fitted: MiniRocketClassifier, x: np.ndarray) -> tuple[Lay
         convolved=sum(len(one.channels) for one in convolutions),
         biases=sum(len(one.biases) for one in convolutions),
     )
-    return made, Standardise(fitted.features), Dense(fitted.features, len(fitted.classes_))
+    n_told = len(getattr(fitted, "classes_", np.atleast_2d(fitted.ridge_[-1].coef_)))
+    return made, Standardise(fitted.features), Dense(fitted.features, n_told)
 
 
-def _rounded(fitted: MiniRocketClassifier, x: np.ndarray, bits: int) -> MiniRocketClassifier:
+def _rounded(fitted: _OnMiniRocket, x: np.ndarray, bits: int) -> _OnMiniRocket:
     narrow, convolutions = copy.copy(fitted), fitted.transform_.convolutions_
     every = np.concatenate([one.biases for one in convolutions])
     narrow.transform_ = copy.copy(fitted.transform_)
@@ -285,3 +308,4 @@ MINIROCKET = Opponent(
     least_steps=KERNEL,
 )
 """One candidate: it costs seconds to fit, and a smaller one loses up to 2 points."""
+OF_NUMBERS = replace(MINIROCKET, build=MiniRocketRegressor, tells="numbers")

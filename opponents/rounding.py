@@ -9,7 +9,7 @@ from typing import Any
 
 import numpy as np
 import torch
-from sklearn.ensemble import ExtraTreesClassifier
+from sklearn.ensemble import ExtraTreesClassifier, ExtraTreesRegressor
 from sklearn.neighbors import KNeighborsClassifier
 from sklearn.pipeline import Pipeline
 from sklearn.svm import SVC
@@ -50,15 +50,17 @@ def machines(fitted: SVC, x: np.ndarray, bits: int) -> SVC:
     return narrow
 
 
-def forest(fitted: ExtraTreesClassifier, x: np.ndarray, bits: int) -> ExtraTreesClassifier:
-    """A forest whose trees have rounded thresholds, in one step for all, and shares of classes."""
+def forest(fitted: Any, x: np.ndarray, bits: int) -> ExtraTreesClassifier | ExtraTreesRegressor:
+    """A forest whose trees have rounded thresholds, in one step for all, and shares of classes or numbers."""
     narrow = copy.deepcopy(fitted)
     trees = [tree.tree_ for tree in narrow.estimators_]
     inner = [tree.children_left >= 0 for tree in trees]
     every = np.concatenate([tree.threshold[own] for tree, own in zip(trees, inner, strict=True)])
+    shares = isinstance(fitted, ExtraTreesClassifier)
+    told = 1.0 if shares else np.concatenate([tree.value for tree in trees])
     for tree, own in zip(trees, inner, strict=True):
         tree.threshold[own] = rounded(tree.threshold[own], bits, of=every)
-        tree.value[:] = rounded(tree.value, bits, of=1.0)
+        tree.value[:] = rounded(tree.value, bits, of=told)
     return narrow
 
 

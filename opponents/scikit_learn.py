@@ -1,7 +1,8 @@
 """The opponents whose estimators are scikit-learn's, sized on validation examples, and the cost of each decision."""
 
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
+from functools import partial
 from typing import Any
 
 import numpy as np
@@ -12,7 +13,7 @@ from sklearn.metrics.pairwise import rbf_kernel
 from sklearn.neighbors import KNeighborsClassifier
 from sklearn.svm import SVC
 
-from neurotact.baselines.opponent import Opponent, Settings, Sides, part_of, say_once
+from neurotact.baselines.opponent import Opponent, Settings, Sides, part_of, right, say_once
 from neurotact.metrics.flops import Cost, Dense, Layer, NearestPoints, passed, with_weights
 from neurotact.metrics.linear import linear
 
@@ -85,38 +86,41 @@ class RBFMachines(SVC):
         return super().predict(X)
 
 
-def _machines(shared: Kernel | None = None, **settings: Any) -> RBFMachines:
-    machines = RBFMachines(**settings)
+def build(kind: type, shared: Kernel | None = None, **settings: Any) -> Any:
+    """Machines that may share a kernel."""
+    machines = kind(**settings)
     machines.shared = shared
     return machines
 
 
-def _svm_grid(sides: Sides, seed: int) -> Iterator[Settings]:
+def grid(kind: type, beside: Sequence[Settings], sides: Sides, seed: int) -> Iterator[Settings]:
+    """Settings of machines of a kind; beside: those beside C and gamma."""
     some, n_features = part_of(sides.y_train, MOST_SEARCHED), sides.train.shape[1]
     is_all = len(some) == len(sides.train)
     part = sides if is_all else sides._replace(train=sides.train[some], y_train=sides.y_train[some])
     kernel = Kernel(part.train, part.validation)
-    grid = [{"C": c, "gamma": gamma / n_features, "shared": kernel} for gamma in SVM_GAMMAS for c in SVM_CS]
-    yield from grid if is_all else _best_on(part, grid)
+    pairs = [{"C": c, "gamma": gamma / n_features, "shared": kernel} for gamma in SVM_GAMMAS for c in SVM_CS]
+    every = [{**pair, **more} for pair in pairs for more in beside]
+    yield from every if is_all else _best_on(part, kind, every)
     kernel.forget()
 
 
-def _best_on(part: Sides, grid: Sequence[Settings]) -> Iterator[Settings]:
+def _best_on(part: Sides, kind: type, grid: Sequence[Settings]) -> Iterator[Settings]:
     """The settings that are most accurate on validation examples after a fit to a part of those of training.
 
     Of equal ones the first, of fewer support vectors.
     """
     say_once(
         f"baselines: C and gamma of support vector machines are searched on {len(part.train):,} training windows, "
-        f"evenly of each class; the best {FITTED} settings are fitted to all"
+        f"evenly over their labels; the best {FITTED} settings are fitted to all"
     )
-    fitted = [_machines(**settings).fit(part.train, part.y_train) for settings in grid]
-    right = [float((one.predict(part.validation) == part.y_validation).mean()) for one in fitted]
-    best = sorted(range(len(grid)), key=lambda n: (-right[n], fitted[n].n_support_.sum()))
+    fitted = [build(kind, **settings).fit(part.train, part.y_train) for settings in grid]
+    merits = [float(right(one.predict(part.validation), part.y_validation).mean()) for one in fitted]
+    best = sorted(range(len(grid)), key=lambda n: (-merits[n], fitted[n].n_support_.sum()))
     yield from ({**grid[n], "shared": None} for n in best[:FITTED])
 
 
-def _svm_words(fitted: SVC) -> str:
+def _svm_words(fitted: Any) -> str:
     n, vectors = fitted.n_features_in_, int(fitted.n_support_.sum())
     return f"C {fitted.C:g}, gamma {n * fitted.gamma:g}/{n}, {vectors} vectors"
 
@@ -127,8 +131,8 @@ def _svm_layers(fitted: SVC, x: np.ndarray) -> tuple[Layer, ...]:
 
 SVM = Opponent(
     "RBF support vector machines, one against one, with shared support vectors.",
-    _machines,
-    _svm_grid,
+    partial(build, RBFMachines),
+    partial(grid, RBFMachines, [{}]),
     layers=_svm_layers,
     words=_svm_words,
     rounded=rounding.machines,
@@ -163,27 +167,18 @@ def mean_depth(forest: ExtraTreesClassifier | ExtraTreesRegressor, features: np.
     return float(np.mean([path.getnnz() / len(features) - 1 for path in paths]))
 
 
-def extra_trees(about: str, kind: type, n_told: Callable[[Any], int], **more: Any) -> Opponent:
-    """An opponent of extremely randomised trees. n_told: the values in a leaf of a fitted forest."""
-
-    def layers(fitted: Any, x: np.ndarray) -> tuple[Layer, ...]:
-        n_nodes = sum(tree.tree_.node_count for tree in fitted.estimators_)
-        return (Trees(len(fitted.estimators_), mean_depth(fitted, x), n_nodes, n_told(fitted)),)
-
-    return Opponent(
-        about,
-        kind,
-        lambda sides, seed: [{"n_estimators": TREES, "min_samples_leaf": leaf} for leaf in LEAVES],
-        layers=layers,
-        words=lambda fitted: f"{fitted.n_estimators} trees, leaves of {fitted.min_samples_leaf}",
-        **more,
-    )
+def _forest_layers(fitted: Any, x: np.ndarray) -> tuple[Layer, ...]:
+    trees = [one.tree_ for one in fitted.estimators_]
+    n_nodes, n_told = sum(tree.node_count for tree in trees), trees[0].value[0].size
+    return (Trees(len(trees), mean_depth(fitted, x), n_nodes, n_told),)
 
 
-EXTRA_TREES = extra_trees(
+EXTRA_TREES = Opponent(
     "Forests of extremely randomised trees (Geurts et al. 2006, doi 10.1007/s10994-006-6226-1).",
     ExtraTreesClassifier,
-    lambda fitted: len(fitted.classes_),
+    lambda sides, seed: [{"n_estimators": TREES, "min_samples_leaf": leaf} for leaf in LEAVES],
+    layers=_forest_layers,
+    words=lambda fitted: f"{fitted.n_estimators} trees, leaves of {fitted.min_samples_leaf}",
     rounded=rounding.forest,
 )
 

@@ -213,12 +213,15 @@ def best_of(opponent: Opponent, sides: Sides, seed: int) -> Candidate:
 def part_of(labels: np.ndarray, n: int) -> np.ndarray:
     """The places of n examples, evenly spaced within each class, ascending; all if there are no more.
 
+    Of numbers `(example, target)` they are evenly spaced over those of the first target.
+
     >>> part_of(np.array([0, 1] * 4), 4).tolist()
     [0, 3, 4, 7]
     """
     if len(labels) <= n:
         return np.arange(len(labels))
-    return np.sort(np.argsort(labels, kind="stable")[np.linspace(0, len(labels) - 1, n).round().astype(int)])
+    order = np.argsort(labels if labels.ndim == 1 else labels[:, 0], kind="stable")
+    return np.sort(order[np.linspace(0, len(labels) - 1, n).round().astype(int)])
 
 
 @cache

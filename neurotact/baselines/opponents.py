@@ -13,7 +13,6 @@ import numpy as np
 import pandas as pd
 from sklearn.preprocessing import StandardScaler
 
-from neurotact.baselines import opponent as parts
 from neurotact.baselines.features import BandPowers, averaged, band_powers, bin_edges
 from neurotact.baselines.opponent import (
     Candidate,
@@ -25,6 +24,7 @@ from neurotact.baselines.opponent import (
     first_best,
     joined,
     named,
+    right,
     rounded,
     standardised,
 )
@@ -87,6 +87,7 @@ class Cuts(NamedTuple):
 
     copies: for each kind of varied copies (`data.augmentation`), the windows to train on with these copies.
     last: the cuts of the last training, after these have chosen, with the same test trials; None if there is none.
+    tells: what the opponents tell of a window.
     """
 
     windows: Windows
@@ -94,6 +95,7 @@ class Cuts(NamedTuple):
     sides: tuple[np.ndarray, np.ndarray, np.ndarray]
     copies: Mapping[str, np.ndarray] = {}
     last: "Cuts | None" = None
+    tells: Tells = "classes"
 
     @property
     def trained(self) -> Mapping[str, np.ndarray]:
@@ -163,12 +165,7 @@ def pieces_of(recordings: Recordings, windows: Windows, clock_Hz: float) -> Iter
 
 
 def signal_inputs(
-    recordings: Recordings,
-    cuts: Cuts,
-    opponents: Opponents,
-    pieces: Sequence[np.ndarray] = (),
-    *,
-    tells: Tells = "classes",
+    recordings: Recordings, cuts: Cuts, opponents: Opponents, pieces: Sequence[np.ndarray] = ()
 ) -> Iterator[Input]:
     """Features of the signals, and the signals themselves as sequences, unless opponents are linear.
 
@@ -177,7 +174,7 @@ def signal_inputs(
     pieces = pieces or list(pieces_of(recordings, cuts.windows, cuts.clock_Hz))
     least, samples, taxels = min(map(len, pieces)), max(map(len, pieces)), recordings.n_channels
     is_linear = opponents in ("linear", "readout")
-    of_features = joined("features", opponents, tells)
+    of_features = joined("features", opponents, cuts.tells)
     moments = np.array([np.concatenate([piece.mean(axis=0), piece.std(axis=0)]) for piece in pieces])
     made = cost(Moments(samples, taxels, order=2), signal_ms=cuts.length_ms)
     yield Input(SIGNALS, "mean and deviation", None, moments, made, of_features)
@@ -192,7 +189,7 @@ def signal_inputs(
         powers = np.array([band_powers(piece, n_bands).ravel() for piece in pieces])
         made = cost(BandPowers(samples, n_bands, taxels), signal_ms=cuts.length_ms)
         yield Input(SIGNALS, f"power in {n_bands} bands", None, powers, made, of_features)
-    for words, n_steps, of_sequences in _sequences_of("samples", cuts.length_ms, least, opponents, tells):
+    for words, n_steps, of_sequences in _sequences_of("samples", cuts, least, opponents):
         made = Cost() if n_steps >= samples else cost(Averaging(samples, n_steps, taxels))
         made += cost(StandardisedSteps(n_steps, taxels), signal_ms=cuts.length_ms)
         kind = pieces[0].dtype if least == n_steps == samples else np.float64
@@ -200,15 +197,15 @@ def signal_inputs(
 
 
 def _sequences_of(
-    words: str, length_ms: float, most: int, level: Opponents, tells: Tells
+    words: str, cuts: Cuts, most: int, level: Opponents
 ) -> Iterator[tuple[str, int, dict[str, Opponent]]]:
     """Sequences of a window of `most` samples: their name, their steps, and the classifiers that receive them."""
     inputs: tuple[tuple[Takes, str, int], ...] = (
         ("signals", words, min(MOST_SAMPLES, most)),
-        ("sequences", f"{GRU_BIN_MS:g} ms bins", gru_steps(length_ms, most)),
+        ("sequences", f"{GRU_BIN_MS:g} ms bins", gru_steps(cuts.length_ms, most)),
     )
     for takes, its_words, n_steps in inputs:
-        found = joined(takes, level, tells)
+        found = joined(takes, level, cuts.tells)
         for name in [name for name, one in found.items() if n_steps < one.least_steps]:
             say(f"baselines: no {name}: windows have {n_steps} {its_words}; it needs {found.pop(name).least_steps}")
         if found:
@@ -230,15 +227,14 @@ def spike_inputs(
     cuts: Cuts,
     opponents: Opponents = "quick",
     *,
-    tells: Tells = "classes",
     is_first: bool = True,
     encoding: bool = True,
     recorded: int | None = None,
 ) -> Iterator[Input]:
     """Spikes of each afferent, counted over the window and in `BINS` time bins; each spike is one addition.
 
-    With `readout` opponents only the counts over the window, for logistic or ridge regression.
-    is_first: also for other classifiers than these. The events of an event-based sensor are its signal:
+    With `readout` opponents only the counts over the window, for logistic regression.
+    is_first: also for other classifiers than logistic regression. The events of an event-based sensor are its signal:
     they cost nothing to encode, and unless opponents are linear there are sequences of them, too. encoding: whether the
     energy of conditioning and encoding counts. recorded: the number of windows, the first ones, whose spikes cost; all
     if None. Varied copies, which are behind them, are trained on alone.
@@ -254,14 +250,14 @@ def spike_inputs(
     if is_counted:
         how = {"recorded_Hz": trains.recorded_Hz, "spikes": spikes}
         made += encoding_cost(n_taxels, n_steps, cuts.length_ms, trains.encoder, **how)
-    of_features = joined("features", opponents if is_first else "linear", tells)
+    of_features = joined("features", opponents if is_first else "linear", cuts.tells)
     yield Input(source, "counts", pair, counts.sum(axis=1).astype(float), made, of_features)
     if opponents == "readout":
         return
     yield Input(source, _bins(n_bins), pair, counts.reshape(n_windows, -1).astype(float), made, of_features)
     if opponents == "linear" or source != EVENTS or not is_first:
         return
-    for words, n_sequence, of_sequences in _sequences_of("steps", cuts.length_ms, n_steps, opponents, tells):
+    for words, n_sequence, of_sequences in _sequences_of("steps", cuts, n_steps, opponents):
         sequences = trains.binned(cuts.windows, bin_edges(n_steps, n_sequence)).astype(np.float32)
         yield Input(source, words, pair, sequences, made + cost(signal_ms=cuts.length_ms), of_sequences)
 
@@ -269,8 +265,8 @@ def spike_inputs(
 def rows(inputs: Iterable[Input], labels: np.ndarray, cuts: Cuts) -> Iterator[dict[str, Any]]:
     """A row of `baselines.csv` for each classifier on each input.
 
-    labels: the class of each window, `(window,)`, or numbers, `(window, target)`; then `ERRORS` holds the
-    root-mean-square error of each on test windows.
+    labels: the class of each window, `(window,)`, or its numbers, `(window, target)`, whose accuracies are mean scores;
+    then `ERRORS` holds the root-mean-square error of each on test windows, in its unit.
 
     A slow one (`all`) is trained with the varied copies that were best for the classifiers before it. A
     classifier that is chosen is fitted again to the training windows of `cuts.last`, as networks are.
@@ -293,7 +289,7 @@ def rows(inputs: Iterable[Input], labels: np.ndarray, cuts: Cuts) -> Iterator[di
             at(f"{name} on {one.column}")
             with named(name):
                 kind, sides, chosen = _best_training(one, opponent, labels, cuts, kinds)
-                right = {f"validation{width}": each.right for width, each in chosen.items()}
+                found = {f"validation{width}": each.right for width, each in chosen.items()}
                 fitted, last = {width: each.candidate for width, each in chosen.items()}, cuts
                 if cuts.last is not None:
                     last = cuts.last
@@ -302,10 +298,10 @@ def rows(inputs: Iterable[Input], labels: np.ndarray, cuts: Cuts) -> Iterator[di
                     again = {key: each.again(sides) for key, each in distinct.items()}
                     fitted = {width: again[id(each)] for width, each in fitted.items()}
                 for width, each in fitted.items():
-                    right[f"test{width}"] = _right(opponent, each, sides, "test", width)
+                    found[f"test{width}"] = _right(opponent, each, sides, "test", width)
             trials = {"validation": cuts.windows.trial[cuts.sides[1]], "test": last.windows.trial[last.sides[2]]}
-            by_trial = {side: paired.by_trial(trials[side.removesuffix(ROUNDED)], of) for side, of in right.items()}
-            row = _row(one, name, fitted, sides, right)
+            by_trial = {side: paired.by_trial(trials[side.removesuffix(ROUNDED)], of) for side, of in found.items()}
+            row = _row(one, name, fitted, sides, found)
             if best_yet is None or row["accuracy_validation"] > best_yet[0]:
                 best_yet = row["accuracy_validation"], kind
             if cuts.copies:
@@ -316,7 +312,7 @@ def rows(inputs: Iterable[Input], labels: np.ndarray, cuts: Cuts) -> Iterator[di
 
 
 class _Chosen(NamedTuple):
-    """A candidate, and whether it, as wide as it was chosen, is right in each validation window (`opponent.right`)."""
+    """A candidate, and whether it, as wide as it was chosen, classifies each validation window correctly."""
 
     candidate: Candidate
     right: np.ndarray
@@ -327,7 +323,7 @@ def _right(opponent: Opponent, one: Candidate, sides: Sides, side: str, width: s
     x, y, fitted = getattr(sides, side), getattr(sides, f"y_{side}"), one.fitted
     if width and opponent.rounded is not None:
         fitted, x = opponent.rounded(fitted, sides.train, BITS), rounded(x, 2 * BITS, of=sides.train)
-    return parts.right(fitted.predict(x), y)
+    return right(fitted.predict(x), y)
 
 
 def _errors(one: Candidate, sides: Sides, training: np.ndarray) -> list[float]:
@@ -344,10 +340,10 @@ def _best_candidates(opponent: Opponent, sides: Sides) -> dict[str, _Chosen]:
     best: dict[str, _Chosen] = {}
     for one in opponent.candidates(sides, 0):
         for width in ("", ROUNDED) if opponent.rounded is not None else ("",):
-            right = _right(opponent, one, sides, "validation", width)
-            if width not in best or right.mean() > best[width].right.mean():
-                best[width] = _Chosen(one, right)
-        if all(each.right.mean() == 1 for each in best.values()):
+            found = _right(opponent, one, sides, "validation", width)
+            if width not in best or found.mean() > best[width].right.mean():
+                best[width] = _Chosen(one, found)
+        if all(each.right.min() == 1 for each in best.values()):
             break
     return best
 
@@ -366,13 +362,13 @@ def _best_training(
 
 
 def _sides(one: Input, labels: np.ndarray, cuts: Cuts) -> Sides:
-    """The input of each side; features and channels are standardised on training windows, sequences of events are not.
+    """The input of each side; features, channels and numbers are standardised on training windows, events are not.
 
-    So are numbers. A channel of rare events, divided by its deviation, would be loudest where it tells least: a GRU on
-    Braille letters has 72 % with and 79 % without.
+    A channel of rare events, divided by its deviation, would be loudest where it tells least: a GRU on Braille letters
+    has 72 % with and 79 % without.
     """
     if labels.ndim > 1:
-        known = labels[cuts.sides[0]].astype(float)
+        known = labels[cuts.sides[0]].astype(np.float64)
         labels = (labels - known.mean(axis=0)) / known.std(axis=0)
     if one.features.ndim == 3:
         if one.source == EVENTS:

@@ -104,20 +104,14 @@ def _fitted(
     pair = second_ms, first_ms
     for name, where in {cell.dataset: cell.subset for cell in cells}.items():
         cut = partial(opponents.cuts_of, every.conditions, windows, trains.sampling_rate_Hz, subset=where)
-        cuts = with_training(cut(parts), trains, cell, parts)
+        cuts = with_training(cut(parts), trains, cell, parts)._replace(tells="numbers" if task.target else "classes")
         if last is not None:
             known = tasks.trials_of(trains, last)
             cuts = cuts._replace(last=with_training(cut(known), trains, cell, known))
-        level, tells = study.baselines, "numbers" if task.target else "classes"
-        of_signals = opponents.signal_inputs(recordings, cuts, level, pieces, tells=tells) if is_first else ()
+        of_signals = opponents.signal_inputs(recordings, cuts, study.baselines, pieces) if is_first else ()
         recorded = int((windows.trial < len(trains)).sum())
-        counts = {
-            "tells": tells,
-            "is_first": is_first,
-            "encoding": study.encoding_in == "processor",
-            "recorded": recorded,
-        }
-        of_spikes = opponents.spike_inputs(every, pair, cuts, level, **counts)
+        counts = {"is_first": is_first, "encoding": study.encoding_in == "processor", "recorded": recorded}
+        of_spikes = opponents.spike_inputs(every, pair, cuts, study.baselines, **counts)
         of_spikes = () if study.baselines == "linear" else of_spikes
         for row in opponents.rows(chain(of_signals, of_spikes), labels, cuts):
             is_of_spikes = row["t_ref_ra_ms"] is not None

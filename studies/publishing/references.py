@@ -126,10 +126,10 @@ def texts(study: Study) -> Iterator[str]:
 
 
 def _docstrings(part: Any) -> list[str | None]:
-    """Of a part that is a module, of its spec, or of the part itself, and of the module that has it."""
+    """Of a part that is a module, of its spec or keys, or of the part itself, and of the module that has it."""
     if isinstance(part, ModuleType):
         return [part.__doc__, sys.modules[part.__package__ or part.__name__].__doc__]
-    home = getattr(part, "spec", part)
+    home = next((getattr(part, name) for name in ("spec", "keys") if hasattr(part, name)), part)
     module = sys.modules.get(getattr(home, "__module__", ""))
     return [home.__doc__, module.__doc__ if module else None]
 

@@ -169,7 +169,7 @@ class _Numbers:
         chosen, rival, n = self.compared.chosen, self.compared.beside, len(self.compared.chosen.tested)
         for name in self.target:
             r2, mean = chosen.found[f"r2_{name}"], chosen.found[f"mae_{name}"]
-            of = f"root mean square, 95 % interval {self.span(name)}; mean absolute {mean:.3g}; R² {r2:.2f}"
+            of = f"root mean square, 95 % interval {self.span(name)}; mean absolute {mean:.3g}; R² {r2:.3f}"
             against = "" if rival is None else f"{rival.name}: {self.error(rival, name)}"
             yield Figure(f"error of {name}", self.error(chosen, name), of, against)
         low, high = chosen.interval

@@ -108,7 +108,9 @@ def test_settings_of_many_examples_are_searched_on_a_part_and_fitted_to_all(monk
     sides, n_grid = sides_of(3, n_train=40), len(scikit_learn.SVM_GAMMAS) * len(scikit_learn.SVM_CS)
     found = list(scikit_learn.SVM.candidates(sides, 0))
     list(scikit_learn.SVM.candidates(sides, 0))
-    told = capsys.readouterr().err.count(f"are searched on {most} training windows, evenly of each class; the best 2")
+    told = capsys.readouterr().err.count(
+        f"are searched on {most} training windows, evenly over their labels; the best 2"
+    )
     assert (len(found), told) == ((n_grid, 0) if most == 40 else (2, 1))
     assert all(one.fitted.shape_fit_[0] == 40 for one in found)
     if most == 40:

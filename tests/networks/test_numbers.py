@@ -194,7 +194,7 @@ def test_rivals_tell_the_same_numbers_and_a_better_one_is_found():
     found = {one.name: one.accuracy_test for one in comparison.opponents_of(sides, trials)}
     assert found.keys() == {
         f"{name} on {source}"
-        for name in ("ridge regression", "extra trees regression")
+        for name in ("ridge regression", "SVR", "extra trees regression")
         for source in ("counts", "10 time bins")
     }
     assert found["ridge regression on counts"] > 0.6

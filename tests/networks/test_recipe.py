@@ -512,6 +512,27 @@ def test_stretches_that_are_given_learn_at_the_usual_rate():
         assert chosen_at(at, **given_key)["training.stretch_rate"] == usual
 
 
+@given(seen, st.sampled_from(["squared-error", "absolute-error"]))
+def test_numbers_are_told_by_many_stretches_and_with_all_neurons(given_seen, loss):
+    of_classes, of_numbers = chosen_at(given_seen), chosen_at(given_seen, training={"loss": loss})
+    bins = math.ceil(given_seen.steps / given_seen.steps_per_bin)
+    assert of_numbers["readout_stretches"] == min(16, bins)
+    assert of_classes["readout_stretches"] in (1, 4)
+    assert of_numbers["training.readout_dropout"] == 0
+    usual = TrainingSpec().stretch_rate
+    assert of_numbers.get("training.stretch_rate", usual) == usual
+    keys = {
+        "training.loss",
+        "readout_stretches",
+        "readout_stretch_ms",
+        "training.readout_dropout",
+        "training.stretch_rate",
+    }
+    assert all(of_numbers[key] == of_classes[key] for key in of_numbers.keys() & of_classes.keys() - keys)
+    built = resolve(DEFAULT.model_copy(update={"training": TrainingSpec(loss=loss)}), given_seen)
+    assert (built.readout_stretches, built.training.readout_dropout) == (of_numbers["readout_stretches"], 0)
+
+
 def test_a_key_that_has_an_effect_in_some_windows_is_not_void():
     assert {"training.stretch_rate", "recurrent_weight_scale"}.isdisjoint(recipe.void_keys(DEFAULT))
 

@@ -48,6 +48,10 @@ MOST_STRETCHES = 64
 """The most stretches of a window with readout weights of their own."""
 
 
+OF_NUMBERS = ("squared-error", "absolute-error")
+"""Losses of numbers, the usual one first."""
+
+
 class TrainingSpec(Spec):
     """How a network is trained (texture paper, Sec. III-B; loss and regularisers from the Braille study).
 

@@ -16,11 +16,9 @@ from torch import Tensor
 from neurotact.errors import InputError, nearest
 from neurotact.networks.definition.network import Network
 from neurotact.networks.definition.rsnn import RSNN
-from neurotact.networks.definition.specs import RSNNSpec
+from neurotact.networks.definition.specs import OF_NUMBERS, RSNNSpec
 from neurotact.networks.training.epochs import Examples
 
-LOSSES = ("squared-error", "absolute-error")
-"""Losses of numbers, the usual one first."""
 OF_CLASSES = ("cross-entropy", "hinge")
 RESAMPLES = 2000
 """Draws of test trials, with replacement, from which intervals are."""
@@ -79,7 +77,7 @@ def spec_for(spec: RSNNSpec, target: Sequence[str]) -> RSNNSpec:
     """
     training = spec.training
     if not target:
-        if training.loss in LOSSES:
+        if training.loss in OF_NUMBERS:
             raise InputError(f"training.loss: '{training.loss}' is of numbers; name them with `target`, or set another")
         return spec
     is_chosen = spec.recipe is not None and "readout" not in spec.model_fields_set
@@ -95,8 +93,8 @@ def spec_for(spec: RSNNSpec, target: Sequence[str]) -> RSNNSpec:
     if training.loss not in OF_CLASSES:
         return spec
     if "loss" in training.model_fields_set:
-        raise InputError(f"training.loss: '{training.loss}' is of classes; numbers need {' or '.join(LOSSES)}")
-    return spec.model_copy(update={"training": training.model_copy(update={"loss": LOSSES[0]})})
+        raise InputError(f"training.loss: '{training.loss}' is of classes; numbers need {' or '.join(OF_NUMBERS)}")
+    return spec.model_copy(update={"training": training.model_copy(update={"loss": OF_NUMBERS[0]})})
 
 
 class Scale(NamedTuple):

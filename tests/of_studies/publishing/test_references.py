@@ -7,8 +7,10 @@ import pytest
 from neurotact_parts.studies.publishing import methods, references
 
 from neurotact import plugins
+from neurotact.data import augmentation
 from neurotact.data.fetch import SETS
 from neurotact.encoders import specs as encoders
+from neurotact.networks.training import balancing
 from neurotact.spec import shipped
 from neurotact.studies import loading
 
@@ -16,13 +18,14 @@ from neurotact.studies import loading
 def test_every_source_that_a_part_cites_has_a_complete_entry(monkeypatch):
     ours = [
         (group, name)
-        for group in ("encoders", "opponents", "ways")
+        for group in ("encoders", "networks", "opponents", "ways")
         for name in plugins.names(group)
         if plugins.is_ours(group, name)
     ]
     ours += [("prices", path.stem) for path in shipped("prices")]
     monkeypatch.setattr(references, "used", lambda study: ours)
-    numbers = {number for text in references.texts(SimpleNamespace()) for number in references.numbers_in(text)}
+    told = [*references.texts(SimpleNamespace()), augmentation.__doc__ or "", balancing.__doc__ or ""]
+    numbers = {number for text in told for number in references.numbers_in(text)}
     assert len(numbers) > 15
     assert numbers - {*references.known()} == set()
 

@@ -296,7 +296,7 @@ def test_rivals_of_numbers_err_in_units_and_score_in_deviations(seed):
     rng = np.random.default_rng(seed)
     x, labels = rng.normal(size=(60, 3)), rng.normal(5, 20, (60, 2)).astype(np.float32)
     sides = tuple(np.repeat(np.arange(3), 20) == side for side in range(3))
-    cuts = Cuts(Windows(np.arange(60), np.zeros(60, int), 10), 1000.0, sides)
+    cuts = Cuts(Windows(np.arange(60), np.zeros(60, int), 10), 1000.0, sides, tells="numbers")
     ridge = opponents.joined("features", "linear", "numbers")
     (row,) = opponents.rows([Input("signals", "made", None, x, Cost(), ridge)], labels, cuts)
     deviation = labels[sides[0]].astype(float).std(axis=0)
