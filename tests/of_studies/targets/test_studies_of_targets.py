@@ -28,10 +28,11 @@ from neurotact.data.splits import SplitSpec
 from neurotact.data.windows import Windows, WindowSpec
 from neurotact.errors import InputError
 from neurotact.metrics.flops import Cost
+from neurotact.networks.definition.specs import RSNNSpec, TrainingSpec
 from neurotact.networks.training import tasks
 from neurotact.networks.training.tasks import Task
 from neurotact.studies import loading, preparation, runner
-from neurotact.studies.cell import task_of
+from neurotact.studies.cell import run_cell, task_of
 from neurotact.studies.store import cell_folder
 
 FEW = {
@@ -166,6 +167,23 @@ def test_networks_and_rivals_are_compared_by_one_score(numbers):
 
 
 # What it trains on
+
+
+def test_networks_of_a_study_are_those_of_a_training_outside_of_it(numbers, tmp_path):
+    """The recipe knows that they tell numbers."""
+    few = next(engine.cells(numbers.study)).model_copy(
+        update={"network": RSNNSpec(recipe="default", hidden=3, training=TrainingSpec(epochs=1))}
+    )
+    spikes = numbers.folder / few.given
+    left = run_cell(few, hdf5.load_spikes(spikes))
+    settings = {"hidden": 3, "training.epochs": 1}
+    learn = nt.Learn(target=few.source["target"])
+    window = nt.Window(length_ms=few.window.length_ms, per_trial=1)
+    nt.train(spikes, tmp_path / "run", settings=settings, window=window, learn=learn)
+    saved = json.loads((tmp_path / "run" / "network.json").read_text())["spec"]
+    mine = json.loads(left["network.json"])["spec"]
+    assert saved["readout_stretches"] == mine["readout_stretches"]
+    assert saved["training"]["loss"] == mine["training"]["loss"]
 
 
 @given(
