@@ -93,7 +93,7 @@ def test_the_rule_for_so_many_false_alarms_has_most_hits_and_the_least_delay(run
     network, trains = SimpleNamespace(steps_per_bin=1), SimpleNamespace(sampling_rate_Hz=1000.0)
 
     def choose(most):
-        task = Task(target=("events",), false_alarms_per_h=most, window=nt.Window(length_ms=32))
+        task = Task(target=("events",), false_alarms_per_h=most, window=nt.Window(length_ms=3200))
         return detector.choose(network, trains, [0, 1], task)  # pyright: ignore[reportArgumentType]
 
     monkeypatch.setattr(detector, "names_of", lambda _: ("none", "contact", "slip"))
