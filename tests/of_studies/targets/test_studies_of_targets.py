@@ -15,9 +15,9 @@ from levels import examples, thinned
 from neurotact_parts.streams import detector
 from neurotact_parts.streams.detector import DetectorSpec, Heard
 from neurotact_parts.streams.long_recordings import parts_of_recordings
-from neurotact_parts.studies.targets import engine, report, trials, words
+from neurotact_parts.studies.targets import engine, report, rivals, trials, words
 from neurotact_parts.studies.targets.rivals import EVERY_MS, Sliding, values_of
-from neurotact_parts.studies.targets.ways import Compared, Way
+from neurotact_parts.studies.targets.ways import Compared, Way, networks_of
 
 import neurotact as nt
 from neurotact.baselines import opponents
@@ -28,12 +28,13 @@ from neurotact.data.splits import SplitSpec
 from neurotact.data.windows import Windows, WindowSpec
 from neurotact.errors import InputError
 from neurotact.metrics.flops import Cost
+from neurotact.metrics.prices import MEMORY_45NM
 from neurotact.networks.definition.specs import RSNNSpec, TrainingSpec
 from neurotact.networks.training import tasks
 from neurotact.networks.training.tasks import Task
 from neurotact.studies import loading, preparation, runner
 from neurotact.studies.cell import run_cell, task_of
-from neurotact.studies.store import cell_folder
+from neurotact.studies.store import cell_folder, result_of
 
 FEW = {
     "calibrate": False,
@@ -129,6 +130,29 @@ def test_a_study_of_events_says_how_many_how_soon_how_often_wrong_and_at_what_co
     assert answer["rival"]["hits"] > 0
     listed = pd.read_csv(events.folder / "events.csv")
     assert (listed["outcome"] == "hit").sum() == row["hits"]
+
+
+def test_a_detector_costs_by_the_second_and_seeds_are_no_further_events(events):
+    network, row = events.answer["network"], pd.read_csv(events.folder / "results.csv").iloc[0]
+    assert network["sops"] == pytest.approx(row["sops_total"] / 0.3)
+    (cell,) = engine.cells(events.study)
+    assert task_of(cell).false_alarms_per_h == 300
+    rows = pd.DataFrame({"pair": "5", "hidden": [12, 12], "whole_ms": 300.0, "whole_nJ": 6.0, "whole_sops": 1.0,
+                         "whole_spikes": 1.0})  # fmt: skip
+    (twice,) = networks_of(events.folder, rows, [cell, cell], ["events"])
+    for key in ("hits", "misses", "false_alarms", "tested_s", "hit_share_low"):
+        assert twice.found[key] == pytest.approx(network[key])
+    assert twice.nJ == pytest.approx(20.0)
+
+
+@thinned("kind", ["numbers", "events"])
+def test_networks_are_chosen_by_validation_trials(kind, request):
+    found = request.getfixturevalue(kind)
+    cell = next(engine.cells(found.study))
+    sides = tasks.trials_of(hdf5.load_spikes(found.folder / cell.given), task_of(cell))
+    result = result_of(found.folder, cell)
+    assert {*map(int, result["held"])} == {*sides.validation.tolist()}
+    assert {*map(int, result["right"])} == {*sides.test.tolist()}
 
 
 @thinned("kind", ["numbers", "events"])
@@ -236,6 +260,14 @@ def test_ranges_hold_every_trial_once_and_do_not_overlap(values):
     assert all(before[1] < after[0] for before, after in itertools.pairwise(ends))
 
 
+def test_ranges_are_of_the_first_number_also_where_most_trials_have_the_same():
+    touches = presses(speed=[1] * 3 + [2] * 37)
+    for target in (["speed", "force_N"], ["force_N", "speed"]):
+        ranged = trials.classes_of_target(touches, Task(target=target))
+        assert all(label.startswith(target[0]) for label in ranged.classes)
+        assert len(ranged.classes) == (2 if target[0] == "speed" else 4)
+
+
 def test_few_long_recordings_are_cut_outside_of_marks_and_lose_nothing():
     touches = slips(n=2, duration_s=20.0)
     parts = parts_of_recordings(touches)
@@ -285,6 +317,24 @@ def test_a_rival_that_knows_the_truth_finds_every_event_at_once():
     assert detector.scores(every, rule) == dict.fromkeys(range(10), 1.0)
     apart = np.diff(sliding.cuts.windows.start[sliding.cuts.sides[0]])
     assert {*apart[apart > 0]} == {80}  # near the hop of the network's windows
+
+
+def test_the_rule_of_a_rival_knows_no_test_recording():
+    touches = slips(n=10)
+    task = Task(target=["events"], window=WindowSpec(length_ms=300, hop_ms=75), false_alarms_per_h=300)
+    trains = nt.encode(touches, settings={"sa1.gain": 8.0, "ra1.gain": 60.0, "conditioning.baseline": "start"})
+    sliding = Sliding.of(trains, task)
+    (one, *_) = opponents.spike_inputs(trains, (5.0, 5.0), sliding.cuts, "linear")
+    rival = one.opponents["logistic regression"]
+    tested = np.isin(sliding.cuts.windows.trial, sliding.parts.test)
+    mixed = np.where(tested[:, None], np.random.default_rng(0).permutation(one.features), one.features)
+    rows = [rivals._row(each, "rival", rival, sliding, MEMORY_45NM) for each in (one, one._replace(features=mixed))]
+    for key in ("detector_threshold", "detector_steps"):
+        assert rows[0][key] == rows[1][key]
+    assert rows[0][opponents.RIGHT]["validation"] == rows[1][opponents.RIGHT]["validation"]
+    assert rows[0][opponents.RIGHT]["test"] != rows[1][opponents.RIGHT]["test"]
+    assert np.mean([*rows[0][opponents.RIGHT]["validation"].values()]) > 0.5
+    assert rows[0]["nJ_per_s"] > 0
 
 
 def test_what_a_rival_was_not_trained_on_has_its_least_value():
@@ -426,10 +476,18 @@ def test_what_has_no_meaning_is_refused_in_a_sentence(place, name, options, said
     assert not (place / "no").exists()
 
 
-def test_other_studies_take_no_target(place):
-    for study in ("ways-to-save", "which-encoder", "network-selection", "gratings"):
-        done = typed("study", "run", study, "--data", "presses.h5", "-o", "no", "--target", "force_N", cwd=place)
-        assert done.code == 2
+@pytest.mark.parametrize(
+    ("study", "said"),
+    [
+        ("ways-to-save", "is a study of its own way"),
+        ("network-selection", "is a study of its own way"),
+        ("which-encoder", "encoders are compared by classes"),
+    ],
+)
+def test_other_studies_take_no_target(place, study, said):
+    done = typed("study", "run", study, "--data", "presses.h5", "-o", "no", "--target", "force_N", cwd=place)
+    assert done.code == 2
+    assert said in done.err
 
 
 def test_a_python_call_takes_what_a_command_takes(place):
