@@ -119,11 +119,11 @@ def standardised(
 
 
 def condition_pieces(
-    recordings: Trials, trial: int, how: ConditioningSpec, unit: str | None = None
+    recordings: Trials, trial: int, how: ConditioningSpec, unit: str | None = None, n_steps: int | None = None
 ) -> Iterator[np.ndarray]:
     """The conditioned signal of one trial, piece by piece; the concatenation equals `condition`.
 
-    unit: the signal is converted to it; unchanged when absent.
+    unit: the signal is converted to it; unchanged when absent. n_steps: only so many, from the start, if there are more.
     The baseline `mean`, which uses the whole trial, is computed in a first pass.
 
     >>> import pandas as pd
@@ -137,22 +137,33 @@ def condition_pieces(
     _check_counts(how, recordings)
     n_rows = _rows_at_once(recordings)
     n_samples = max(1, int(n_rows * min(1.0, conditioner.rate_Hz / conditioner.clock_Hz)))
+    needed = None  # up to the sample after the last step
+    if n_steps is not None and how.baseline not in ACAUSAL:
+        needed = int(_position(np.array(n_steps), conditioner.rate_Hz, conditioner.clock_Hz)) + 2
 
     def sampled() -> Iterator[np.ndarray]:
-        signal = conditioner.sampled(pieces(recordings, trial, n_samples))
+        signal = conditioner.sampled(pieces(recordings, trial, n_samples, needed))
         return signal if conditioner.clock_Hz == conditioner.rate_Hz else _regrouped(signal, n_rows)
 
     state, level = Conditioned(), _mean(sampled()) if how.baseline in ACAUSAL else None
+    left = n_steps
     for piece in sampled():
-        signal, state = conditioner.without_baseline(piece, state, level)
+        signal, state = conditioner.without_baseline(piece[:left], state, level)
+        left = None if left is None else left - len(signal)
         yield signal
 
 
-def pieces(recordings: Trials, trial: int, n_rows: int | None = None) -> Iterator[np.ndarray]:
-    """The samples of one trial as recorded, piece by piece, of `n_rows` samples; of `PIECE_VALUES` when None."""
-    n_rows = n_rows or _rows_at_once(recordings)
-    for start in range(0, int(recordings.lengths[trial]), n_rows):
-        yield recordings.piece(trial, start, start + n_rows)
+def pieces(
+    recordings: Trials, trial: int, n_rows: int | None = None, n_samples: int | None = None
+) -> Iterator[np.ndarray]:
+    """The samples of one trial as recorded, or its first `n_samples`, piece by piece.
+
+    n_rows: samples of a piece; of `PIECE_VALUES` when None.
+    """
+    n_rows, n_recorded = n_rows or _rows_at_once(recordings), int(recordings.lengths[trial])
+    stop = n_recorded if n_samples is None else min(n_samples, n_recorded)
+    for start in range(0, stop, n_rows):
+        yield recordings.piece(trial, start, min(start + n_rows, stop))
 
 
 def _rows_at_once(recordings: Trials) -> int:

@@ -148,6 +148,18 @@ def _prepared(excerpts: Excerpts, spec: EncoderSpec) -> _Prepared:
     return _Prepared(excerpts, Groups(excerpts.signals, _clock(excerpts, spec) / excerpts.sampling_rate_Hz))
 
 
+class _Tried(NamedTuple):
+    """A population at one gain: its row of `Calibration.table`, what `_isi_table` takes, and its rates."""
+
+    row: Mapping[str, Any]
+    isi: tuple[str, float, np.ndarray, list[np.ndarray]]
+    rates: np.ndarray
+
+
+Tried = dict[tuple[str, str], _Tried]
+"""What was tried on some trials, by what decides the spikes."""
+
+
 class _Searched(NamedTuple):
     """Each population at each candidate gain.
 
@@ -166,19 +178,28 @@ def search(
     rule: CalibrationRule,
     rng: np.random.Generator,
     progress: Progress | None,
+    known: Tried | None = None,
 ) -> _Searched:
-    """The spikes of each population at each candidate gain (`_ascend`)."""
+    """The spikes of each population at each candidate gain (`_ascend`).
+
+    known: what was tried on the same trials, by what decides the spikes; those are not computed again, and what is
+        tried is added. Polarities have the same RA-I.
+    """
     n_seconds = np.array(excerpts.signals.lengths) / excerpts.sampling_rate_Hz
     labels = excerpts.labels
     labellings = [labels, *permuted(labels, rule.shuffles, rng, excerpts.numbers)]
     sensitivities = sensitivities_of(spec)
     edges = [_edges(excerpts, spec, sensitivity) for sensitivity in sensitivities]
-    rows, isi, rates, prepared = [], [], {}, _prepared(excerpts, spec)
+    known = {} if known is None else known
+    found: dict[tuple[str, float], _Tried] = {}
+    prepared = _prepared(excerpts, spec)
 
-    def tried(values: Sequence[float], of: Sequence[Sensitivity] = sensitivities) -> list[dict[str, Any]]:
+    def tried(values: Sequence[float], of: Sequence[Sensitivity] = sensitivities) -> list[Mapping[str, Any]]:
         """The rows of these values of each sensitivity, or of some (`of`), which are added to the tables."""
-        encoder, n_before = _with(spec, dict(zip(sensitivities, values, strict=True))), len(rows)
-        for sensitivity, fired in zip(of, _fire(prepared, encoder, of), strict=True):
+        encoder = _with(spec, dict(zip(sensitivities, values, strict=True)))
+        keys = {one: _alone(encoder, one) for one in of}
+        new = [one for one in of if keys[one] not in known]
+        for sensitivity, fired in zip(new, _fire(prepared, encoder, new), strict=False):  # nothing is fired for none
             place = sensitivities.index(sensitivity)
             value, steps = values[place], edges[place]
             row = {
@@ -189,12 +210,12 @@ def search(
                 "separation": separation(fired.shares, labellings),
                 "spikes_per_s": float(fired.counts.sum() / (n_seconds.sum() * fired.counts.shape[1])),
             }
-            rows.append(row)
-            rates[sensitivity.name, value] = _per_second(excerpts, fired)
             of_trials = fired.shares.mean(axis=1)
             of_classes = [of_trials[labels == label].mean(axis=0) for label in range(len(excerpts.classes))]
-            isi.append((sensitivity.name, value, steps / _clock(excerpts, spec) * 1e3, of_classes))
-        return rows[n_before:]
+            isi = sensitivity.name, value, steps / _clock(excerpts, spec) * 1e3, of_classes
+            known[keys[sensitivity]] = _Tried(row, isi, _per_second(excerpts, fired))
+        found.update({(one.name, known[keys[one]].row["gain"]): known[keys[one]] for one in of})
+        return [known[keys[one]].row for one in of]
 
     def advance(n: int, values: Sequence[float]) -> None:
         pairs = zip(sensitivities, values, strict=True)
@@ -213,12 +234,19 @@ def search(
         sensitivity.name: (order, -1 if sensitivity.is_threshold else 1)
         for order, sensitivity in enumerate(sensitivities)
     }
-    table = pd.DataFrame(rows).drop_duplicates(["afferent", "gain"])
+    table = pd.DataFrame([one.row for one in found.values()])
     column, sign = (table.afferent.map({name: pair[i] for name, pair in places.items()}) for i in (0, 1))
     table = table.iloc[np.lexsort([sign * table.gain, column])].reset_index(drop=True)  # from few spikes to many
     within = (table.silent_share <= rule.max_silent_share) & (table.floor_share <= rule.max_floor_share)
-    shares = _isi_table(isi, excerpts.classes).drop_duplicates(["afferent", "gain", "label", "isi_ms"])
+    shares = _isi_table((one.isi for one in found.values()), excerpts.classes)
+    rates = {key: one.rates for key, one in found.items()}
     return _Searched(table.assign(admissible=within, chosen=False), shares, rates)
+
+
+def _alone(spec: EncoderSpec, sensitivity: Sensitivity) -> tuple[str, str]:
+    """What decides the spikes of a sensitivity's afferents, on the same trials."""
+    others = {"sa1", "ra1"} - {sensitivity.part} if isinstance(spec, AfferentSpec) else set[str]()
+    return sensitivity.name, spec.model_dump_json(exclude=others)
 
 
 def _with(spec: EncoderSpec, values: Mapping[Sensitivity, float]) -> EncoderSpec:
@@ -237,7 +265,7 @@ def _ascend(
     candidates: Sequence[Sequence[float]],
     sensitivities: Sequence[Sensitivity],
     rule: CalibrationRule,
-    tried: Callable[[Sequence[float], Sequence[Sensitivity]], list[dict[str, Any]]],
+    tried: Callable[[Sequence[float], Sequence[Sensitivity]], list[Mapping[str, Any]]],
     progress: Callable[[int, Sequence[float]], None],
 ) -> None:
     """Try the candidates of each sensitivity that may be chosen (`following`), those of one place together."""
@@ -283,7 +311,7 @@ def following(rows: Mapping[int, Mapping[str, Any]], rule: CalibrationRule) -> i
 def _to_rate(
     spec: EncoderSpec,
     rule: CalibrationRule,
-    tried: Callable[[Sequence[float]], list[dict[str, Any]]],
+    tried: Callable[[Sequence[float]], list[Mapping[str, Any]]],
     progress: Callable[[int, Sequence[float]], None],
 ) -> None:
     """Try values that come nearer and nearer to the rate: steps of 8 until it is passed, then halves in logarithms.

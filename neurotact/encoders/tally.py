@@ -45,18 +45,19 @@ class Group:
 
     def __init__(self, signals: Sequence[np.ndarray]) -> None:
         self.signal, self.n_samples = side_by_side(signals)
+        self._in_lanes: dict[str, np.ndarray] = {}
 
     @cached_property
     def change(self) -> np.ndarray:
         """The rectified change since the sample before."""
         return np.abs(np.diff(self.signal, axis=1, prepend=self.signal[:, :1]))
 
-    @cached_property
-    def in_lanes(self) -> dict[str, np.ndarray]:
-        """What each type feels, with as many taxels as the kernel takes."""
-        more = -self.signal.shape[2] % native.LANES
-        felt = {"sa1": self.signal, "ra1": self.change}
-        return {part: np.pad(its, ((0, 0), (0, 0), (0, more))) if more else its for part, its in felt.items()}
+    def in_lanes(self, part: str) -> np.ndarray:
+        """What a type feels, with as many taxels as the kernel takes."""
+        if part not in self._in_lanes:
+            felt, more = self.change if part == "ra1" else self.signal, -self.signal.shape[2] % native.LANES
+            self._in_lanes[part] = np.pad(felt, ((0, 0), (0, 0), (0, more))) if more else felt
+        return self._in_lanes[part]
 
     def tallies(
         self, spec: EncoderSpec, rate_Hz: float, asked: Iterable[Asked], backend: Backend = "auto"
@@ -82,7 +83,7 @@ class Group:
             return closed_form.tally(self.change if part == "ra1" else self.signal, rate_Hz, spec, part, tally)
         neuron = spec.neuron(getattr(spec, part), rate_Hz)
         for nth, gain in enumerate(spec.gains_at(rate_Hz)[part == "ra1"]):
-            native.tally_population(self.in_lanes[part], gain, neuron, tally, nth * self.signal.shape[2])
+            native.tally_population(self.in_lanes(part), gain, neuron, tally, nth * self.signal.shape[2])
         return None
 
 
