@@ -287,6 +287,11 @@ void tally_raster(const uint8_t* spikes, int64_t trials, int64_t trial_stride, i
 void class_sums(const double* rows, const int64_t* labels, int64_t labellings, int64_t trials, int64_t classes, int64_t n,
                 double* sums);
 
+// Exponential moving average over time of signals (trial, step, taxel): `newest` of a step and `kept` of the average before,
+// which is `before` (trial, taxel) at the first step; null: the first step itself.
+void moving_average(const float* signal, const float* before, float newest, float kept, int64_t trials, int64_t steps,
+                    int64_t taxels, float* smooth);
+
 enum class Baseline : int { none, first, start, running, high_pass };
 
 // Where a stream writes down what spiked in each step of a push: a row of words a step, as in spikes.hpp. `window` is the

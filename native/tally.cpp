@@ -1,4 +1,5 @@
-// Spikes of a raster into a tally (neurotact/encoders/tally.py), for the encoders without a kernel of their own.
+// Spikes of a raster into a tally (neurotact/encoders/tally.py), for the encoders without a kernel of their own, and what
+// else a search for gains repeats.
 #include <cstring>
 
 #include "kernels.hpp"
@@ -31,6 +32,19 @@ void class_sums(const double* rows, const int64_t* labels, int64_t labellings, i
             double* sum = sums + (k * classes + labels[k * trials + trial]) * n;
             for (int64_t i = 0; i < n; i++) sum[i] += row[i];
         }
+}
+
+void moving_average(const float* __restrict signal, const float* before, float newest, float kept, int64_t trials,
+                    int64_t steps, int64_t taxels, float* smooth) {
+    for (int64_t trial = 0; trial < trials; trial++) {
+        const float* last = before ? before + trial * taxels : signal;
+        for (int64_t t = 0; t < steps; t++) {
+            for (int64_t i = 0; i < taxels; i++) smooth[i] = newest * signal[i] + kept * last[i];
+            last = smooth;
+            signal += taxels;
+            smooth += taxels;
+        }
+    }
 }
 
 }  // namespace neurotact

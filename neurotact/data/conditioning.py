@@ -4,6 +4,7 @@ The order is fixed: smoothing (EMA), resampling to the encoder's clock, baseline
 A trial is conditioned whole, piece by piece if it is long, or block by block as it is recorded; the result is the same.
 """
 
+import math
 from collections.abc import Container, Iterable, Iterator, Mapping, Sequence
 from dataclasses import replace
 from typing import Annotated, Any, Literal, NamedTuple
@@ -11,6 +12,7 @@ from typing import Annotated, Any, Literal, NamedTuple
 import numpy as np
 from pydantic import AfterValidator, Field
 
+from neurotact.backend import native
 from neurotact.data.recordings import Recordings, Trials, unit_factor
 from neurotact.errors import InputError
 from neurotact.files import check_size
@@ -123,7 +125,7 @@ def condition_pieces(
 ) -> Iterator[np.ndarray]:
     """The conditioned signal of one trial, piece by piece; the concatenation equals `condition`.
 
-    unit: the signal is converted to it; unchanged when absent. n_steps: only so many, from the start, if there are more.
+    unit: the signal is converted to it; unchanged when absent. n_steps: so many from the start, if there are more.
     The baseline `mean`, which uses the whole trial, is computed in a first pass.
 
     >>> import pandas as pd
@@ -137,9 +139,9 @@ def condition_pieces(
     _check_counts(how, recordings)
     n_rows = _rows_at_once(recordings)
     n_samples = max(1, int(n_rows * min(1.0, conditioner.rate_Hz / conditioner.clock_Hz)))
-    needed = None  # up to the sample after the last step
+    needed = math.inf  # samples, up to that after the last step
     if n_steps is not None and how.baseline not in ACAUSAL:
-        needed = int(_position(np.array(n_steps), conditioner.rate_Hz, conditioner.clock_Hz)) + 2
+        needed = int(_position(np.array(n_steps - 1), conditioner.rate_Hz, conditioner.clock_Hz)) + 2
 
     def sampled() -> Iterator[np.ndarray]:
         signal = conditioner.sampled(pieces(recordings, trial, n_samples, needed))
@@ -153,15 +155,9 @@ def condition_pieces(
         yield signal
 
 
-def pieces(
-    recordings: Trials, trial: int, n_rows: int | None = None, n_samples: int | None = None
-) -> Iterator[np.ndarray]:
-    """The samples of one trial as recorded, or its first `n_samples`, piece by piece.
-
-    n_rows: samples of a piece; of `PIECE_VALUES` when None.
-    """
-    n_rows, n_recorded = n_rows or _rows_at_once(recordings), int(recordings.lengths[trial])
-    stop = n_recorded if n_samples is None else min(n_samples, n_recorded)
+def pieces(recordings: Trials, trial: int, n_rows: int | None = None, most: float = math.inf) -> Iterator[np.ndarray]:
+    """The samples of one trial as recorded, at `most` so many, in pieces of `n_rows`; of `PIECE_VALUES` when None."""
+    n_rows, stop = n_rows or _rows_at_once(recordings), int(min(recordings.lengths[trial], most))
     for start in range(0, stop, n_rows):
         yield recordings.piece(trial, start, min(start + n_rows, stop))
 
@@ -414,6 +410,15 @@ def ema(signal: np.ndarray, coefficient: float, before: np.ndarray | None = None
     >>> ema(np.array([[0.0], [1.0], [1.0]]), 0.5).ravel().tolist()
     [0.0, 0.5, 0.75]
     """
+    if native is not None and signal.dtype == np.float32:
+        signal, smooth = np.ascontiguousarray(signal), np.empty(signal.shape, np.float32)
+        before = None if before is None else np.ascontiguousarray(before, np.float32)
+        native.moving_average(
+            signal=signal.ctypes.data, before=0 if before is None else before.ctypes.data, newest=coefficient,
+            kept=1.0 - coefficient, trials=math.prod(signal.shape[:-2]), steps=signal.shape[-2],
+            taxels=signal.shape[-1], smooth=smooth.ctypes.data,
+        )  # fmt: skip
+        return smooth
     from scipy.signal import lfilter
 
     carried = signal[..., :1, :] if before is None else before[..., None, :]

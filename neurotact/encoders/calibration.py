@@ -136,32 +136,24 @@ class Calibration(Generic[Encoder]):
 class Drawn:
     """The trials on which gains are fitted, and what the fits of several encoders of one kind share.
 
-    trials, numbers: those that are drawn. steady: whether they and their excerpts are drawn by what is in them, so that
-    one that is left out moves no other. tried: of `search`.
+    trials, numbers: those that are drawn. drawn_by: the numbers by which excerpts and labels are; None: at random.
+    tried: the `known` of `search`.
     """
 
     def __init__(self, recordings: Trials, rule: CalibrationRule, *, steady: bool) -> None:
         self.rng, numbers = np.random.default_rng(rule.seed), numbers_of(recordings, rule.seed)
         chosen = draw(recordings.labels, rule.trials_per_class, self.rng, numbers if steady else None)
-        self.trials, self.numbers, self.steady = recordings.select(chosen), numbers[chosen], steady
+        self.trials, self.numbers = recordings.select(chosen), numbers[chosen]
+        self.drawn_by = self.numbers if steady else None
         self.tried: Tried = {}
+        self._highest = highest_of(self.trials)
         self._cuts: dict[ConditioningSpec, tuple[Spool, Spread]] = {}
-
-    @cached_property
-    def highest(self) -> np.ndarray:
-        """Of `highest_of`."""
-        return highest_of(self.trials)
-
-    @property
-    def drawn_by(self) -> np.ndarray | None:
-        """The numbers by which excerpts and labels are drawn; None: at random."""
-        return self.numbers if self.steady else None
 
     def cut(self, how: ConditioningSpec, longest_s: float) -> tuple[Spool, Spread]:
         """The excerpts before standardisation, and how far their taxels spread; cut once for each conditioning."""
         if how not in self._cuts:
             excerpts = cut(self.trials, how, longest_s, self.rng, self.drawn_by)
-            self._cuts[how] = excerpts, spread_of(self.trials, excerpts, self.highest)
+            self._cuts[how] = excerpts, spread_of(self.trials, excerpts, self._highest)
         return self._cuts[how]
 
 
@@ -232,13 +224,13 @@ def calibrate(
     standardised = standardise(excerpts, conditioning)
     if drawn.n_channels > rule.taxels:
         taxels = liveliest(standardised, rule.taxels)
-        standardised = (signal[:, taxels] for signal in standardise(excerpts, conditioning))
+        standardised = standardised.then(lambda signal: signal[:, taxels])
         notes.append(
             f"gains are chosen on {rule.taxels} of the {drawn.n_channels} taxels, those that vary most in one trial "
             "after the other"
         )
     conditioned = Excerpts(
-        Spool(standardised),
+        standardised,
         drawn.labels,
         drawn.classes,
         how.clock_Hz(recordings.sampling_rate_Hz),

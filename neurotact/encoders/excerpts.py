@@ -127,7 +127,6 @@ def liveliest(signals: Iterable[np.ndarray], most: int) -> np.ndarray:
     return np.sort(np.array([*in_turn][:most]))
 
 
-def standardise(excerpts: Iterable[np.ndarray], conditioning: ConditioningSpec) -> Iterator[np.ndarray]:
+def standardise(excerpts: Spool, how: ConditioningSpec) -> Spool:
     """The excerpts after standardisation, as the populations receive them."""
-    for signal in excerpts:
-        yield standardised(signal, conditioning.offset, conditioning.scale, conditioning.rectify)
+    return excerpts.then(lambda signal: standardised(signal, how.offset, how.scale, how.rectify))

@@ -148,16 +148,10 @@ def _prepared(excerpts: Excerpts, spec: EncoderSpec) -> _Prepared:
     return _Prepared(excerpts, Groups(excerpts.signals, _clock(excerpts, spec) / excerpts.sampling_rate_Hz))
 
 
-class _Tried(NamedTuple):
-    """A population at one gain: its row of `Calibration.table`, what `_isi_table` takes, and its rates."""
-
-    row: Mapping[str, Any]
-    isi: tuple[str, float, np.ndarray, list[np.ndarray]]
-    rates: np.ndarray
-
-
-Tried = dict[tuple[str, str], _Tried]
-"""What was tried on some trials, by what decides the spikes."""
+_ISI = tuple[str, float, np.ndarray, list[np.ndarray]]
+"""The afferent, its gain, the edges of the bins in ms, and the share of each bin in each class."""
+Tried = dict[tuple[str, str], tuple[dict[str, Any], _ISI, np.ndarray]]
+"""A population at one gain, by what decides its spikes: its row of `Calibration.table`, its ISIs, and its rates."""
 
 
 class _Searched(NamedTuple):
@@ -191,10 +185,10 @@ def search(
     sensitivities = sensitivities_of(spec)
     edges = [_edges(excerpts, spec, sensitivity) for sensitivity in sensitivities]
     known = {} if known is None else known
-    found: dict[tuple[str, float], _Tried] = {}
+    found: Tried = {}
     prepared = _prepared(excerpts, spec)
 
-    def tried(values: Sequence[float], of: Sequence[Sensitivity] = sensitivities) -> list[Mapping[str, Any]]:
+    def tried(values: Sequence[float], of: Sequence[Sensitivity] = sensitivities) -> list[dict[str, Any]]:
         """The rows of these values of each sensitivity, or of some (`of`), which are added to the tables."""
         encoder = _with(spec, dict(zip(sensitivities, values, strict=True)))
         keys = {one: _alone(encoder, one) for one in of}
@@ -213,9 +207,9 @@ def search(
             of_trials = fired.shares.mean(axis=1)
             of_classes = [of_trials[labels == label].mean(axis=0) for label in range(len(excerpts.classes))]
             isi = sensitivity.name, value, steps / _clock(excerpts, spec) * 1e3, of_classes
-            known[keys[sensitivity]] = _Tried(row, isi, _per_second(excerpts, fired))
-        found.update({(one.name, known[keys[one]].row["gain"]): known[keys[one]] for one in of})
-        return [known[keys[one]].row for one in of]
+            known[keys[sensitivity]] = row, isi, _per_second(excerpts, fired)
+        found.update({key: known[key] for key in keys.values()})
+        return [known[key][0] for key in keys.values()]
 
     def advance(n: int, values: Sequence[float]) -> None:
         pairs = zip(sensitivities, values, strict=True)
@@ -227,20 +221,20 @@ def search(
     if rule.spikes_per_s is not None:
         _to_rate(spec, rule, tried, advance)
     elif isinstance(spec, DrivenSpec):
-        _ascend([*_candidates(excerpts, spec, rule).values()], sensitivities, rule, tried, advance)
+        _ascend([*_candidates(prepared, spec, rule).values()], sensitivities, rule, tried, advance)
     else:
         _ascend(_from_silence(prepared, spec, rule), sensitivities, rule, tried, advance)
     places = {
         sensitivity.name: (order, -1 if sensitivity.is_threshold else 1)
         for order, sensitivity in enumerate(sensitivities)
     }
-    table = pd.DataFrame([one.row for one in found.values()])
+    rows, isi, rates = zip(*found.values(), strict=True)
+    table = pd.DataFrame(rows)
     column, sign = (table.afferent.map({name: pair[i] for name, pair in places.items()}) for i in (0, 1))
     table = table.iloc[np.lexsort([sign * table.gain, column])].reset_index(drop=True)  # from few spikes to many
     within = (table.silent_share <= rule.max_silent_share) & (table.floor_share <= rule.max_floor_share)
-    shares = _isi_table((one.isi for one in found.values()), excerpts.classes)
-    rates = {key: one.rates for key, one in found.items()}
-    return _Searched(table.assign(admissible=within, chosen=False), shares, rates)
+    of_gains = {(row["afferent"], row["gain"]): rate for row, rate in zip(rows, rates, strict=True)}
+    return _Searched(table.assign(admissible=within, chosen=False), _isi_table(isi, excerpts.classes), of_gains)
 
 
 def _alone(spec: EncoderSpec, sensitivity: Sensitivity) -> tuple[str, str]:
@@ -265,7 +259,7 @@ def _ascend(
     candidates: Sequence[Sequence[float]],
     sensitivities: Sequence[Sensitivity],
     rule: CalibrationRule,
-    tried: Callable[[Sequence[float], Sequence[Sensitivity]], list[Mapping[str, Any]]],
+    tried: Callable[[Sequence[float], Sequence[Sensitivity]], list[dict[str, Any]]],
     progress: Callable[[int, Sequence[float]], None],
 ) -> None:
     """Try the candidates of each sensitivity that may be chosen (`following`), those of one place together."""
@@ -298,7 +292,7 @@ def following(rows: Mapping[int, Mapping[str, Any]], rule: CalibrationRule) -> i
         return top + 1 if top < last else None
     awake = [place for place, row in rows.items() if row["silent_share"] <= rule.max_silent_share]
     if not awake and top < last:
-        return min(top + STRIDE, last)
+        return min(top + (STRIDE if rows else 2 * STRIDE), last)  # at the first ones hardly anything fires
     if awake and (below := min(awake) - 1) >= 0 and below not in rows:
         return below
     if awake and top < last and rows[top]["floor_share"] <= most:
@@ -311,7 +305,7 @@ def following(rows: Mapping[int, Mapping[str, Any]], rule: CalibrationRule) -> i
 def _to_rate(
     spec: EncoderSpec,
     rule: CalibrationRule,
-    tried: Callable[[Sequence[float]], list[Mapping[str, Any]]],
+    tried: Callable[[Sequence[float]], list[dict[str, Any]]],
     progress: Callable[[int, Sequence[float]], None],
 ) -> None:
     """Try values that come nearer and nearer to the rate: steps of 8 until it is passed, then halves in logarithms.
@@ -437,30 +431,36 @@ def _floor_steps(spec: EncoderSpec, sensitivity: Sensitivity, sampling_rate_Hz: 
     return _least_isi_steps(spec, sensitivity, sampling_rate_Hz)
 
 
-def _candidates(excerpts: Excerpts, spec: DrivenSpec, rule: CalibrationRule) -> dict[str, list[float]]:
+def _candidates(prepared: _Prepared, spec: DrivenSpec, rule: CalibrationRule) -> dict[str, list[float]]:
     """Candidate gains of each population, from slightly below the gain whose strongest drive reaches threshold."""
     grids, names = {}, {sensitivity.part: sensitivity.name for sensitivity in sensitivities_of(spec)}
-    for part, (drive, n_values) in drives(excerpts, spec).items():
+    for part, (drive, n_values) in drives(prepared.excerpts, spec, prepared.groups.signals).items():
         strongest = _strongest((x.ravel() for x in drive), n_values)
         if strongest <= 0:
             raise InputError(
-                f"{excerpts.source}: the conditioned training trials never drive {names[part]} afferents; check the "
-                "encoder's baseline and the columns that were read"
+                f"{prepared.excerpts.source}: the conditioned training trials never drive {names[part]} afferents; "
+                "check the encoder's baseline and the columns that were read"
             )
         first = spec.least_drive(part) / strongest / rule.step**STEPS_BELOW
         grids[part] = [float(f"{first * rule.step**k:.3g}") for k in range(rule.candidates)]
     return grids
 
 
-def drives(excerpts: Excerpts, spec: DrivenSpec) -> dict[str, tuple[Iterator[np.ndarray], int]]:
-    """The drive of each type with a gain of 1, trial by trial `(time, taxel)`, and the number of values."""
+def drives(
+    excerpts: Excerpts, spec: DrivenSpec, signals: Sequence[np.ndarray] | None = None
+) -> dict[str, tuple[Iterator[np.ndarray], int]]:
+    """The drive of each type with a gain of 1, trial by trial `(time, taxel)`, and the number of values.
+
+    signals: those of the excerpts, if they are in memory.
+    """
     rate_Hz = excerpts.sampling_rate_Hz
+    at_hand = excerpts.signals if signals is None else signals
 
     def of(part: str) -> tuple[Iterator[np.ndarray], int]:
-        first = excerpts.signals[0]
+        first = at_hand[0]
         n_lost = len(first) - len(spec.felt(part, first, rate_Hz))
-        n_steps = sum(excerpts.signals.lengths) - n_lost * len(excerpts.signals)
-        return (spec.felt(part, x, rate_Hz) for x in excerpts.signals), excerpts.n_channels * n_steps
+        n_steps = sum(excerpts.signals.lengths) - n_lost * len(at_hand)
+        return (spec.felt(part, x, rate_Hz) for x in at_hand), excerpts.n_channels * n_steps
 
     return {sensitivity.part: of(sensitivity.part) for sensitivity in sensitivities_of(spec)}
 
@@ -516,13 +516,8 @@ def choose(table: pd.DataFrame, rule: CalibrationRule, where: str, sensitivity: 
     return int(good.index[is_within(good.separation, best, rule.tie * abs(best))][0])
 
 
-def _isi_table(
-    tried: Iterable[tuple[str, float, np.ndarray, list[np.ndarray]]], classes: Sequence[str]
-) -> pd.DataFrame:
-    """`Calibration.isi`: a row for each bin, class and value of a sensitivity.
-
-    tried: the afferent, its gain, the edges of the bins in ms, and the share of each bin in each class.
-    """
+def _isi_table(tried: Iterable[_ISI], classes: Sequence[str]) -> pd.DataFrame:
+    """`Calibration.isi`: a row for each bin, class and value of a sensitivity."""
     rows = [
         (name, isi_ms, share, afferent, gain)
         for afferent, gain, edges_ms, of_classes in tried

@@ -47,36 +47,17 @@ class Spread(NamedTuple):
     small: np.ndarray
 
     def scaling(self, baseline: Baseline, *, inverted: bool = False, rest_sd: float = REST_SD) -> Scaling:
-        """The scaling of `fit`."""
+        """Scale each taxel by its standard deviation over the excerpts.
+
+        A baseline already defines each trial's zero, so nothing more is subtracted. Without one, the level itself
+        drives SA-I: measured from the mean, it would silence SA-I in every trial of less than mean pressure.
+
+        inverted: the scales are negative. rest_sd: a taxel's rest without a baseline, in deviations below its mean.
+        """
         scale = self.scale * (-1 if inverted else 1)
         rest = np.where(self.noise, self.mean, self.mean - rest_sd * scale)
         small, noise = (tuple(self.names[which].tolist()) for which in (self.small, self.noise))
         return Scaling(_short(rest) if baseline == "none" else None, _short(scale), small, noise)
-
-
-def fit(
-    recorded: Trials,
-    excerpts: Sequence[np.ndarray],
-    baseline: Baseline,
-    *,
-    inverted: bool = False,
-    rest_sd: float = REST_SD,
-) -> Scaling:
-    """Scale each taxel by its standard deviation over the excerpts, `(time, taxel)`, one per trial.
-
-    A quiet taxel counts as noise, and is scaled by a tenth of the largest deviation so that it stays small,
-    unless its level, its deviation or its change between samples differs between the classes: a sensor may have
-    channels of another kind, with tens of counts instead of thousands.
-
-    A baseline already defines each trial's zero, so nothing more is subtracted. Without one, the level itself drives
-    SA-I: measured from the mean, it would silence SA-I in every trial of less than mean pressure.
-
-    recorded: the recorded trials. inverted: the scales are negative. rest_sd: a taxel's rest without a baseline, in
-    deviations below its mean.
-    Raises InputError for constant signals.
-    """
-    spread = spread_of(recorded, excerpts, highest_of(recorded))
-    return spread.scaling(baseline, inverted=inverted, rest_sd=rest_sd)
 
 
 def highest_of(recorded: Trials) -> np.ndarray:
@@ -85,9 +66,14 @@ def highest_of(recorded: Trials) -> np.ndarray:
 
 
 def spread_of(recorded: Trials, excerpts: Sequence[np.ndarray], highest: np.ndarray) -> Spread:
-    """What `fit` takes from the excerpts, whatever the polarity and the rest; highest: of `highest_of`.
+    """What a scaling takes from the excerpts, `(time, taxel)`, one per trial; each is read once, quiet taxels twice.
 
-    Each excerpt is read once; quiet taxels, which may tell classes, once more.
+    A quiet taxel counts as noise, and is scaled by a tenth of the largest deviation so that it stays small,
+    unless its level, its deviation or its change between samples differs between the classes: a sensor may have
+    channels of another kind, with tens of counts instead of thousands.
+
+    recorded: the recorded trials. highest: of `highest_of` them.
+    Raises InputError for constant signals.
     """
     lengths, means, deviations, least, most = np.stack([_moments(signal) for signal in excerpts], axis=1)
     weights = lengths / lengths.sum(axis=0)

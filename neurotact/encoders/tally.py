@@ -50,7 +50,9 @@ class Group:
     @cached_property
     def change(self) -> np.ndarray:
         """The rectified change since the sample before."""
-        return np.abs(np.diff(self.signal, axis=1, prepend=self.signal[:, :1]))
+        change = np.zeros_like(self.signal)
+        np.subtract(self.signal[:, 1:], self.signal[:, :-1], out=change[:, 1:])
+        return np.abs(change, out=change)
 
     def in_lanes(self, part: str) -> np.ndarray:
         """What a type feels, with as many taxels as the kernel takes."""
@@ -110,6 +112,13 @@ class Groups:
         more = -n_taxels % native.LANES
         n_values = 2 * sum(signals.lengths) * (n_taxels if not more else 2 * n_taxels + more)  # `Group` and its copies
         self._held = [*self._anew()] if n_values <= HELD_PIECES * conditioning.PIECE_VALUES else None
+
+    @property
+    def signals(self) -> Sequence[np.ndarray]:
+        """Each signal, `(time, taxel)`."""
+        if self._held is None:
+            return self._signals
+        return [signal[:n] for group in self._held for signal, n in zip(group.signal, group.n_samples, strict=True)]
 
     def __iter__(self) -> Iterator[Group]:
         return iter(self._held) if self._held is not None else self._anew()
