@@ -410,18 +410,17 @@ def ema(signal: np.ndarray, coefficient: float, before: np.ndarray | None = None
     >>> ema(np.array([[0.0], [1.0], [1.0]]), 0.5).ravel().tolist()
     [0.0, 0.5, 0.75]
     """
+    carried = signal[..., :1, :] if before is None else before[..., None, :]
     if native is not None and signal.dtype == np.float32:
-        signal, smooth = np.ascontiguousarray(signal), np.empty(signal.shape, np.float32)
-        before = None if before is None else np.ascontiguousarray(before, np.float32)
+        given, carried = (np.ascontiguousarray(values, np.float32) for values in (signal, carried))
+        *trials, n_steps, n_taxels = given.shape
         native.moving_average(
-            signal=signal.ctypes.data, before=0 if before is None else before.ctypes.data, newest=coefficient,
-            kept=1.0 - coefficient, trials=math.prod(signal.shape[:-2]), steps=signal.shape[-2],
-            taxels=signal.shape[-1], smooth=smooth.ctypes.data,
+            smooth=(smooth := np.empty_like(given)).ctypes.data, signal=given.ctypes.data, before=carried.ctypes.data,
+            newest=coefficient, kept=1.0 - coefficient, trials=math.prod(trials), steps=n_steps, taxels=n_taxels,
         )  # fmt: skip
         return smooth
     from scipy.signal import lfilter
 
-    carried = signal[..., :1, :] if before is None else before[..., None, :]
     kind = signal.dtype.type
     b, a = np.array([coefficient], kind), np.array([1.0, coefficient - 1.0], kind)
     smooth, _ = lfilter(b, a, signal, axis=-2, zi=kind(1.0 - coefficient) * carried)
@@ -440,22 +439,6 @@ def interpolated(signal: np.ndarray, position: np.ndarray, first: int, n_samples
     weight = (position - before).astype(signal.dtype)[:, None]
     left = np.take(signal, before - first, axis=-2)
     return left + weight * (np.take(signal, after - first, axis=-2) - left)
-
-
-def fit_standardisation(signals: Sequence[np.ndarray]) -> tuple[tuple[float, ...], tuple[float, ...]]:
-    """`(offset, scale)`: mean and standard deviation of each taxel over training trials.
-
-    A constant taxel gets scale 1, so that it stays silent and finite.
-
-    >>> fit_standardisation([np.array([[1.0, 5.0], [3.0, 5.0]])])
-    ((2.0, 5.0), (1.0, 1.0))
-    """
-    n_samples = sum(len(s) for s in signals)
-    mean = sum(s.sum(axis=0, dtype=np.float64) for s in signals) / n_samples
-    variance = sum(((s - mean) ** 2).sum(axis=0, dtype=np.float64) for s in signals) / n_samples
-    deviation = np.sqrt(variance)
-    still = deviation <= 1e-12 * np.maximum(1.0, np.abs(mean))
-    return tuple(np.asarray(mean).tolist()), tuple(np.where(still, 1.0, deviation).tolist())
 
 
 def _check_counts(how: ConditioningSpec, recordings: Trials) -> None:

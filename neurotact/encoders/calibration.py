@@ -133,7 +133,7 @@ class Calibration(Generic[Encoder]):
         return self.apart is not None and len(np.unique(self.apart)) > 1
 
 
-class Drawn:
+class DrawnTrials:
     """The trials on which gains are fitted, and what the fits of several encoders of one kind share.
 
     trials, numbers: those that are drawn. drawn_by: the numbers by which excerpts and labels are; None: at random.
@@ -167,7 +167,7 @@ def calibrate(
     apart: tuple[str, ...] = (),
     tell: bool = True,
     steady: bool = False,
-    share: Callable[..., Drawn] = Drawn,
+    share: Callable[..., DrawnTrials] = DrawnTrials,
 ) -> Calibration[Encoder]:
     """Fit standardisation and gains of `spec` on recorded training trials of any unit and rate.
 
@@ -187,7 +187,7 @@ def calibrate(
     apart: conditions that the test leaves out; `Calibration.accuracy` tests each of their values by the others.
     tell: log the notes, too.
     steady: trials and their excerpts are drawn by what is in them, so that one that is left out moves no other.
-    share: makes the trials that are fitted on, or returns those of another fit of these recordings, with `steady`.
+    share: makes the trials that are fitted on, or, with `steady`, returns those of another fit of these recordings.
     Raises InputError for less than two classes, for constant signals, and if every gain that gives spikes
     puts too many ISIs at the refractory floor.
 
@@ -310,7 +310,7 @@ def calibrate_causally(
     own_Hz, asked, spec = spec.conditioning.ema_cutoff_Hz, spec, with_taxels_of(spec)
     cutoffs_Hz = _cutoffs(own_Hz, recordings.sampling_rate_Hz) if choose_ema else [own_Hz]
 
-    share = cache(Drawn)
+    share = cache(DrawnTrials)
     fits: list[tuple[Encoder, Calibration[Encoder]]] = []
     at_rest = _AtRest(recordings)
 
@@ -680,7 +680,7 @@ def _turned(conditioned: Excerpts, spec: Encoder, sensitivity: Sensitivity, valu
     if not isinstance(spec, AfferentSpec) or len(getattr(spec, sensitivity.part).grades) == 1:
         return adjusted(spec, sensitivity, value), 0
     kind = getattr(spec, sensitivity.part)
-    values = _sample(*drives(conditioned, spec)[sensitivity.part])
+    values = _sample(*drives(conditioned.signals, conditioned.sampling_rate_Hz, spec)[sensitivity.part])
     grades = _fit_grades(values, spec, value, len(kind.grades))
     kind = kind.model_copy(update={"gain": value, "grades": grades})
     return spec.model_copy(update={sensitivity.part: kind}), len(getattr(spec, sensitivity.part).grades) - len(grades)

@@ -179,13 +179,12 @@ def search(
     known: what was tried on the same trials, by what decides the spikes; those are not computed again, and what is
         tried is added. Polarities have the same RA-I.
     """
-    n_seconds = np.array(excerpts.signals.lengths) / excerpts.sampling_rate_Hz
-    labels = excerpts.labels
+    n_seconds, labels = np.array(excerpts.signals.lengths) / excerpts.sampling_rate_Hz, excerpts.labels
     labellings = [labels, *permuted(labels, rule.shuffles, rng, excerpts.numbers)]
     sensitivities = sensitivities_of(spec)
     edges = [_edges(excerpts, spec, sensitivity) for sensitivity in sensitivities]
     known = {} if known is None else known
-    found: Tried = {}
+    found: dict[tuple[str, float], tuple[dict[str, Any], _ISI, np.ndarray]] = {}
     prepared = _prepared(excerpts, spec)
 
     def tried(values: Sequence[float], of: Sequence[Sensitivity] = sensitivities) -> list[dict[str, Any]]:
@@ -208,8 +207,9 @@ def search(
             of_classes = [of_trials[labels == label].mean(axis=0) for label in range(len(excerpts.classes))]
             isi = sensitivity.name, value, steps / _clock(excerpts, spec) * 1e3, of_classes
             known[keys[sensitivity]] = row, isi, _per_second(excerpts, fired)
-        found.update({key: known[key] for key in keys.values()})
-        return [known[key][0] for key in keys.values()]
+        rows = [known[key][0] for key in keys.values()]
+        found.update({(row["afferent"], row["gain"]): known[key] for row, key in zip(rows, keys.values(), strict=True)})
+        return rows
 
     def advance(n: int, values: Sequence[float]) -> None:
         pairs = zip(sensitivities, values, strict=True)
@@ -233,8 +233,8 @@ def search(
     column, sign = (table.afferent.map({name: pair[i] for name, pair in places.items()}) for i in (0, 1))
     table = table.iloc[np.lexsort([sign * table.gain, column])].reset_index(drop=True)  # from few spikes to many
     within = (table.silent_share <= rule.max_silent_share) & (table.floor_share <= rule.max_floor_share)
-    of_gains = {(row["afferent"], row["gain"]): rate for row, rate in zip(rows, rates, strict=True)}
-    return _Searched(table.assign(admissible=within, chosen=False), _isi_table(isi, excerpts.classes), of_gains)
+    shares = _isi_table(isi, excerpts.classes)
+    return _Searched(table.assign(admissible=within, chosen=False), shares, dict(zip(found, rates, strict=True)))
 
 
 def _alone(spec: EncoderSpec, sensitivity: Sensitivity) -> tuple[str, str]:
@@ -434,7 +434,7 @@ def _floor_steps(spec: EncoderSpec, sensitivity: Sensitivity, sampling_rate_Hz: 
 def _candidates(prepared: _Prepared, spec: DrivenSpec, rule: CalibrationRule) -> dict[str, list[float]]:
     """Candidate gains of each population, from slightly below the gain whose strongest drive reaches threshold."""
     grids, names = {}, {sensitivity.part: sensitivity.name for sensitivity in sensitivities_of(spec)}
-    for part, (drive, n_values) in drives(prepared.excerpts, spec, prepared.groups.signals).items():
+    for part, (drive, n_values) in drives(prepared.groups.signals, prepared.excerpts.sampling_rate_Hz, spec).items():
         strongest = _strongest((x.ravel() for x in drive), n_values)
         if strongest <= 0:
             raise InputError(
@@ -447,20 +447,15 @@ def _candidates(prepared: _Prepared, spec: DrivenSpec, rule: CalibrationRule) ->
 
 
 def drives(
-    excerpts: Excerpts, spec: DrivenSpec, signals: Sequence[np.ndarray] | None = None
+    signals: Sequence[np.ndarray], rate_Hz: float, spec: DrivenSpec
 ) -> dict[str, tuple[Iterator[np.ndarray], int]]:
-    """The drive of each type with a gain of 1, trial by trial `(time, taxel)`, and the number of values.
-
-    signals: those of the excerpts, if they are in memory.
-    """
-    rate_Hz = excerpts.sampling_rate_Hz
-    at_hand = excerpts.signals if signals is None else signals
+    """The drive of each type with a gain of 1, trial by trial `(time, taxel)`, and the number of values."""
+    n_samples, first = sum(map(len, signals)), signals[0]
 
     def of(part: str) -> tuple[Iterator[np.ndarray], int]:
-        first = at_hand[0]
         n_lost = len(first) - len(spec.felt(part, first, rate_Hz))
-        n_steps = sum(excerpts.signals.lengths) - n_lost * len(at_hand)
-        return (spec.felt(part, x, rate_Hz) for x in at_hand), excerpts.n_channels * n_steps
+        n_values = (n_samples - n_lost * len(signals)) * first.shape[1]
+        return (spec.felt(part, x, rate_Hz) for x in signals), n_values
 
     return {sensitivity.part: of(sensitivity.part) for sensitivity in sensitivities_of(spec)}
 
