@@ -580,10 +580,18 @@ def _n_fired(fire, name) -> int:
     return sum(one.name == name for call in fire.call_args_list for one in call.args[2])
 
 
-def test_trials_are_drawn_once_for_all_fits():
-    with patch("neurotact.encoders.calibration.numbers_of", side_effect=numbers_of) as counted:
+def test_trials_are_drawn_once_for_all_fits_and_cut_once_for_each_conditioning():
+    with (
+        patch("neurotact.encoders.calibration.numbers_of", side_effect=numbers_of) as drawn,
+        patch("neurotact.encoders.calibration.cut", side_effect=cut) as conditioned,
+    ):
         calibrate_causally(slides(), SPEC, rule=RULE, choose_opposite=True)
-    assert counted.call_count == 1
+    assert (drawn.call_count, conditioned.call_count) == (1, 3)
+
+
+def test_a_search_passes_by_the_first_candidates_at_which_hardly_anything_fires():
+    silent, rule = {"silent_share": 1.0, "floor_share": 0.0}, CalibrationRule()
+    assert [gain_search.following(rows, rule) for rows in ({}, {7: silent})] == [7, 11]
 
 
 @settings(max_examples=10)
