@@ -145,3 +145,10 @@ def test_without_a_baseline_rest_lies_below_the_level_of_every_taxel_but_noise()
 def test_trials_that_never_move_are_refused():
     with pytest.raises(InputError, match="made: the conditioned training trials are constant"):
         fitted(touches(still, still))
+
+
+@pytest.mark.parametrize("sign", [-1, 1])
+def test_one_sample_to_either_side_is_no_constant(sign):
+    excerpts = [np.full((SAMPLES, 1), 1000.0) for _ in LABELS]
+    excerpts[3][7] += sign * 0.1
+    assert fitted(excerpts).scale[0] > 0
