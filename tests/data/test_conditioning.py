@@ -238,7 +238,7 @@ def test_the_baseline_is_that_of_each_taxel_of_each_trial():
 
 def test_other_trials_are_standardised_by_the_training_trials():
     train, test = np.random.default_rng(3).normal([1.0, 50.0], [2.0, 5.0], (2, 4000, 2))
-    offset, scale = train.mean(axis=0).tolist(), train.std(axis=0).tolist()
+    offset, scale = (tuple(values.tolist()) for values in (train.mean(axis=0), train.std(axis=0)))
     felt = condition(skin([train, test]), ConditioningSpec(offset=offset, scale=scale))
     assert felt.unit == "sd"
     np.testing.assert_allclose(felt.signals[0].mean(axis=0), 0.0, atol=1e-4)

@@ -7,6 +7,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from levels import examples
 
+from neurotact.data.conditioning import Baseline
 from neurotact.data.recordings import Recordings
 from neurotact.encoders import scaling
 from neurotact.encoders.scaling import QUIET, highest_of, spread_of, tells_classes
@@ -43,7 +44,7 @@ def still(label, rng):
     return np.full(SAMPLES, 7.0)
 
 
-def fitted(excerpts, labels=LABELS, baseline="start"):
+def fitted(excerpts, labels=LABELS, baseline: Baseline = "start"):
     names = tuple(f"t{index}" for index in range(excerpts[0].shape[1]))
     table = pd.DataFrame({"label": [f"class {label}" for label in labels]})
     recorded = Recordings(excerpts, 100.0, "count", table, names, "made")
