@@ -4,8 +4,8 @@ Other rooms take:
 
     augmentation: AUTO, AugmentationSpec, CopiesWhenRead, NONE, UNRANKED, check_taxels, in_words, varied_copies
     conditioning: ACAUSAL, Baseline, CAUSAL, Conditioned, Conditioner, ConditioningSpec, HALF, PIECE_VALUES,
-        acausal_note, check_used, condition, condition_pieces, conditioned_length, ema, ema_coefficient,
-        fit_standardisation, is_long, pieces, sampled_length, standardised
+        acausal_note, check_used, condition, condition_pieces, conditioned_length, ema, ema_coefficient, is_long,
+        pieces, sampled_length, standardised
     contact: OnsetSpec, REST_MS
     copies: Copies, are_telling, copies_of, equal_examples, joined, with_touches
     dataset: DatasetSpec, Progress, Reader, SOURCES, Simulator, expand, load_recordings, load_touches, reader,
