@@ -10,6 +10,7 @@ namespace neurotact::NT_ISA {
 namespace {
 
 constexpr int kBlock = 16;                          // trials side by side, backward
+constexpr int kAhead = 4;                           // steps, forward, between asking for a row of the tape and writing it
 constexpr int kChunk = 16;                          // steps between two gatherings of weight gradients
 constexpr int kTileRows = kVectorBytes == 64 ? 8 : 4;
 constexpr int kTileVectors = kVectorBytes == 64 ? 3 : 2;
@@ -124,6 +125,8 @@ bool forward_trial(const Net<T>& net, const ForwardTables<T>& tables, TrialState
         const int n_rows = !net.w_rec ? n_in
                                       : list_rows(s.spikes.recurrent(neuron.recurrent_delay), hid_words, n.inputs,
                                                   s.rows, n_in);
+        if (membrane) fetch<true>(membrane + (t + kAhead) * s.hidden.pitch, s.hidden.pitch);
+        if (readout_membrane) fetch<true>(readout_membrane + (t + kAhead) * s.readout.pitch, s.readout.pitch);
         if constexpr (Adapts)
             advance_layer<T>(neuron, tables.hidden, {tables.table, s.rows, n_rows, 0},
                              s.adapting_at(t, membrane, current, row_of(tape ? tape->raised : nullptr, s.hidden.pitch)),
@@ -518,6 +521,7 @@ private:
         const bool heard = net.neuron.emits_at_once() || t + 1 < n.steps;
         for (int m = 0; m < trials; m++) {
             const int64_t row = ((first_trial + m) * n.steps + t) * readout_pitch, at = (int64_t)m * readout_pitch;
+            fetch(tape.readout_membrane + row - 2 * readout_pitch, readout_pitch);
             layer_back(net.neuron, tables.readout,
                        {tape.readout_membrane + row, tape.readout_current ? tape.readout_current + row : nullptr,
                         heard ? s.class_gradient + at : s.unheard, s.readout_current + at, s.readout_membrane + at,
@@ -531,6 +535,7 @@ private:
     void hidden_back(int64_t t, T* history) {
         for (int m = 0; m < trials; m++) {
             const int64_t trial = first_trial + m, row = trial * n.steps + t, at = (int64_t)m * pitch;
+            fetch(tape.membrane + (row - 2) * pitch, pitch);  // for step t-1, a block of trials later
             layer_back(net.neuron, tables.hidden,
                        {tape.membrane + row * pitch, tape.current ? tape.current + row * pitch : nullptr, s.emitted + at,
                         s.current + at, s.membrane + at, history + at, s.adaptation ? s.adaptation + at : nullptr,
