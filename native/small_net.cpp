@@ -701,7 +701,7 @@ bool small_infer(const Net<T>& net, const Layout& of_net, const Decisions& to) {
     const auto cut = [&](Carver& carver) {
         uint64_t* inputs = carver.take<uint64_t>(kPair * trial_words);
         uint64_t* spikes = carver.take<uint64_t>(kPair * n.steps);
-        return std::make_tuple(inputs, spikes, carver.take<uint32_t>(n.inputs + n.hidden));
+        return std::make_tuple(inputs, spikes, carve_rows(n.inputs + n.hidden, carver));
     };
     cut(of_thread);
     IntegratingReadout<T>(net, none, of_thread);
