@@ -94,11 +94,12 @@ def context_of(chain: Chain, formats: Formats | None, name: str) -> dict[str, An
     columns, used = chain.of_used()
     spec, conditioning = network.spec, encoder.conditioning
     n_taxels, integrator = chain.n_taxels, network.bias is not None
-    if max(plan.length, plan.start, plan.hop, plan.quiet) > MOST_STEPS:
+    detector, length = chain.detector, plan.length if chain.detector is None else 0  # counts of a detector go on at 0
+    if max(length, plan.start, plan.quiet) > MOST_STEPS or (plan.hop > MOST_STEPS and detector is None):
         raise InputError("windows: are longer than 2^31 - 1 steps; shorten them")
-    if plan.length * max(network.n_inputs, spec.hidden) > MOST_COUNT:
+    if length * max(network.n_inputs, spec.hidden) > MOST_COUNT:
         raise InputError("windows: their spikes may exceed a counter of 32 bits; shorten them")
-    if plan.length * sum(network.synapses.values()) > MOST_COUNT:
+    if length * sum(network.synapses.values()) > MOST_COUNT:
         raise InputError("windows: their synaptic operations may exceed a counter of 32 bits; shorten them")
     matrices = matrices_of(network, 4 if formats is None else 1)
     n_start = whole.conditioner_of(chain).n_start
@@ -115,7 +116,8 @@ def context_of(chain: Chain, formats: Formats | None, name: str) -> dict[str, An
         "n_taxels": n_taxels, "n_afferents": network.n_inputs,
         "n_hidden": spec.hidden, "n_classes": network.n_classes,
         "class_names": [text(name) for name in (*chain.classes, *([REFUSED] if chain.rule.least_lead else []))],
-        "length": plan.length, "start": plan.start, "hop": plan.hop, "quiet": plan.quiet, "at_once": plan.at_once,
+        "length": length, "start": plan.start, "hop": plan.hop if detector is None else 0, "quiet": plan.quiet,
+        "at_once": plan.at_once, "detector": detector, "least": float(detector.threshold).hex() if detector else None,
         "most_decisions": plan.at_once * per_sample,
         "hold": max(1, int(HOLD_MS * 1e-3 * chain.sampling_rate_Hz)), "hold_ms": f"{HOLD_MS:g}",
         "afferent_type": unsigned(network.n_inputs), "neuron_type": unsigned(spec.hidden),
@@ -174,11 +176,12 @@ def paths(folder: Path, name: str) -> list[Path]:
 def title_of(chain: Chain, formats: Formats | None) -> str:
     """One line about an export."""
     spec = chain.network.spec
+    end = "decision" if chain.detector is None else "events in time"
     kind = "float" if formats is None else f"{formats.weight_bits}-bit weights, {formats.state_bits}-bit states"
     sizes = f"{chain.network.n_inputs}-{spec.hidden}-{chain.network.n_classes}"
     if chain.takes_events:
-        return f"A chain from events to decision: {sizes} neurons, {kind}."
-    return f"A chain from touch to decision: {chain.n_taxels} taxels, {sizes} neurons, {kind}."
+        return f"A chain from events to {end}: {sizes} neurons, {kind}."
+    return f"A chain from touch to {end}: {chain.n_taxels} taxels, {sizes} neurons, {kind}."
 
 
 def _in_float(chain: Chain, kept: Mapping[str, Matrix]) -> dict[str, Any]:

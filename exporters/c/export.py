@@ -19,7 +19,7 @@ with lazily():
     from neurotact_parts.exporters.c import c_export, fine_tuning, formats, proving
     from neurotact_parts.streams import chain as chains
 
-    from neurotact.networks.definition import executors
+    from neurotact.networks.definition import executors, rsnn
     from neurotact.networks.training import ranges as state_ranges
     from neurotact.networks.training import run_folder
     from neurotact.networks.use import fitted
@@ -115,8 +115,9 @@ def prepared(
     steps of its fine-tuning, others 8 bits.
     """
     restored = fitted.restore(run, spikes=spikes)
-    if restored.detector is not None:
-        raise executors.refusal("c-integer" if integer else "c-float", executors.IN_TIME)
+    executor = "c-integer" if integer else "c-float"
+    subject = executors.Subject(None, rsnn.rsnn_of(executor, restored.network), detects=restored.detector is not None)
+    executors.require(executor, subject)  # the rest where it is written
     if not integer:
         return Exported(chains.chain_of(restored, streamed), None)
     is_known = restored.ranges is not None or restored.encoder != {}  # of events, spikes alone give the ranges
