@@ -1,5 +1,6 @@
 """A detector in C: the label in force changes as in a stream and in whole recordings, to the last bit."""
 
+import subprocess
 from dataclasses import replace
 
 import numpy as np
@@ -93,7 +94,7 @@ def test_c_tells_what_whole_recordings_and_a_stream_tell(kind, tmp_path):
         assert told_by(Stream(chain), given_to(chain, 300 - 7 * seed, seed)) == trial.decisions
     assert len({row[-1] for trial in expected for row in trial.decisions}) > 1
     assert sum(len(trial.decisions) for trial in expected) > 5
-    for change in (lambda rows: rows[:-1], lambda rows: [*rows, rows[-1]]):  # neither is cut off as a window is
+    for change in (lambda rows: rows[:-1], lambda rows: [*rows, (len(rows), *rows[-1][1:])]):  # neither is cut off as a window is
         wrong = [trial._replace(decisions=change(trial.decisions), runs_on=False) for trial in expected]
         assert proof.first_difference(list(proof.cut_off(wrong, expected)), expected) is not None
 
@@ -166,6 +167,27 @@ def test_no_step_is_the_last_of_a_detector(kind, driven):
     assert {BEYOND - 3, BEYOND - 1, 0} <= {row[0] for row in aged.decisions}
     assert max(starts) > BEYOND - 400
     assert min(starts) < 400
+
+
+@needs_compiler
+@pytest.mark.parametrize("kind", ["plain", "slow clock"])
+def test_no_count_of_a_detector_grows_by_which_its_network_steps(kind, tmp_path):
+    chain = made(kind)
+    c_export.write(chain, tmp_path, None)
+    source = """#include "touch.h"
+        int main(void)
+        {
+            static touch_chain chain;
+            static touch_sample sample[TOUCH_TAXELS];
+            touch_decision decisions[TOUCH_MOST_DECISIONS];
+            touch_reset(&chain);
+            for (int i = 0; i < 100; i++) touch_push(&chain, sample, decisions);
+            return (int)chain.windows[0].steps;
+        }"""
+    (tmp_path / "main.c").write_text(source)
+    subprocess.run(["cc", "-std=c99", "touch.c", "main.c", "-o", "main"], cwd=tmp_path, check=True)
+    n = chain.network.steps_per_bin
+    assert n < subprocess.run([tmp_path / "main"], check=False).returncode <= 2 * n
 
 
 @pytest.mark.skipif(ABSENT is not None, reason=str(ABSENT))
