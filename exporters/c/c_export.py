@@ -60,15 +60,29 @@ def write(
     *,
     name: str = "touch",
     parts: Sequence[tuple[str, str]] = EXPORTED,
+    taught: Mapping[str, Any] | None = None,
 ) -> list[Path]:
     """Write `NAME.h`, `NAME.c`, `example.c` and `README.md` into a folder, and return their paths.
 
     formats: of the integer variant; None: the float variant.
     name: prefix of every name in C. parts: pairs of a template and its file.
+    taught: of a chain that learns, `learning.Teachable.context`.
     Raises InputError for what C cannot represent.
     """
     paths(folder, name)
-    return rendered(context_of(chain, formats, name), folder, name, parts)
+    return rendered(with_learning(context_of(chain, formats, name), taught), folder, name, parts)
+
+
+def with_learning(context: dict[str, Any], taught: Mapping[str, Any] | None) -> dict[str, Any]:
+    """The variables of the templates, where the readout is state if it learns and else a table."""
+    if taught is None:
+        return {**context, "learns": False}
+    names = [text(f"new class {number + 1}") for number in range(taught["n_new"])]
+    tables = [table for table in context["tables"] if table.name not in ("w_out", "bias")]
+    return {
+        **context, **taught, "learns": True, "class_names": [*context["class_names"], *names],
+        "tables": [*tables, *taught["taught_tables"]], "class_type": unsigned(taught["n_classes"]),
+    }  # fmt: skip
 
 
 def rendered(context: dict[str, Any], folder: Path, name: str, parts: Sequence[tuple[str, str]]) -> list[Path]:
@@ -130,7 +144,7 @@ def context_of(chain: Chain, formats: Formats | None, name: str) -> dict[str, An
         "bin": network.steps_per_bin,
         "stretches": 1 if network.stretches is None else network.stretches.number,
         "stretch_steps": 1 if network.stretches is None else network.stretches.steps,
-        "weight": "float" if formats is None else "int8_t",
+        "weight": "float" if formats is None else "int8_t", "felt_type": _count(chain),
         "patience": chain.rule.in_bins(network.steps_per_bin).patience, "from_first_spike": chain.rule.from_first_spike,
         "resampled": chain.sampling_rate_Hz != chain.signal_Hz, "finishes": chain.sampling_rate_Hz != chain.clock_Hz,
         "exact": is_exact(encoder), "rows": int(np.ceil(chain.clock_Hz / chain.signal_Hz)) + 1,

@@ -1,6 +1,6 @@
 """The proof of an export on the test trials of its run: equality, accuracy, bytes, instructions, time and energy."""
 
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -50,11 +50,12 @@ def prove(
     run: Fitted, chain: Chain, formats: Formats | None, n_trials: int,
     recordings: Recordings | str | Path | None = None, spikes: str | Path | None = None, *,
     say: Callable[[str], None] = print, emulate: int | None = None,
+    taught: Mapping[str, Any] | None = None,
 ) -> pd.DataFrame:  # fmt: skip
     """Rows `what`, `value` of the proof; steps without their tools are reported and skipped.
 
     n_trials: number of test trials. recordings, spikes: as for `export.prepared`. emulate: how many of these trials
-    also run in the emulator; None: all.
+    also run in the emulator; None: all. taught: as for `c_export.write`.
     Raises InputError if a spike or a decision differs.
     """
     trials = trials_of(run, chain, formats, n_trials, recordings, spikes)
@@ -62,7 +63,7 @@ def prove(
     rows = [(what, sum(len(trial.decisions) for trial in trials.expected))]
     rows += _accuracy(trials, chain.classes) if chain.detector is None else []
     with files.scratch() as folder:
-        c_export.write(chain, folder, formats, name=NAME, parts=c_export.HARNESS)
+        c_export.write(chain, folder, formats, name=NAME, parts=c_export.HARNESS, taught=taught)
         rows += [*_on_this_machine(folder, trials, say)]
         for name, board in boards.BOARDS.items():
             absent = proof.missing("arm-none-eabi-gcc", "qemu-system-arm")

@@ -94,7 +94,10 @@ def test_c_tells_what_whole_recordings_and_a_stream_tell(kind, tmp_path):
         assert told_by(Stream(chain), given_to(chain, 300 - 7 * seed, seed)) == trial.decisions
     assert len({row[-1] for trial in expected for row in trial.decisions}) > 1
     assert sum(len(trial.decisions) for trial in expected) > 5
-    for change in (lambda rows: rows[:-1], lambda rows: [*rows, (len(rows), *rows[-1][1:])]):  # neither is cut off as a window is
+    for change in (
+        lambda rows: rows[:-1],
+        lambda rows: [*rows, (len(rows), *rows[-1][1:])],
+    ):  # neither is cut off as a window is
         wrong = [trial._replace(decisions=change(trial.decisions), runs_on=False) for trial in expected]
         assert proof.first_difference(list(proof.cut_off(wrong, expected)), expected) is not None
 
