@@ -145,9 +145,8 @@ def footprint(folder: Path, name: str, board: Board, *, optimise: str = "-Os") -
     chain, whole = folder / f"{name}.o", folder / f"{name}-whole.o"
     flags = [*WARNINGS, *board.flags, optimise, "-ffreestanding"]
     _call(["arm-none-eabi-gcc", *flags, "-fstack-usage", "-c", f"{name}.c", "-o", chain.name], folder)
-    header = (folder / f"{name}.h").read_text()
-    calls = [f"{name}_{what}" for what in ("event", "advance", "push", "forget", "learn")]
-    entries = [call for call in calls if f"{call}(" in header]
+    takes_events = f"{name}_advance(" in (folder / f"{name}.h").read_text()
+    entries = [f"{name}_event", f"{name}_advance"] if takes_events else [f"{name}_push"]
     kept = ",".join(f"-u,{entry}" for entry in (*entries, f"{name}_reset", "state"))
     roots = [f"-Wl,{kept},-e,{entries[0]}", "-Wl,--gc-sections"]
     stub = folder / "stub.c"

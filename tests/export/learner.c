@@ -1,6 +1,6 @@
 /* Drives a chain that learns by records of numbers of 32 bits, here or in an emulator, and writes what it decides and its readout.
  * Records: E and the time and channel of an event, T and a time, L and a class and its number of touches, R a reset, F what was learned is
- * forgotten, W writes the readout. The chain is compiled as "skin".
+ * forgotten, W writes the readout, C counts of dropped windows and of decisions. The chain is compiled as "skin".
  */
 #include "harness.h"
 
@@ -43,6 +43,9 @@ int main(void)
         } else if (row[0] == 'L') {
             const uint32_t learned[3] = { 'L', (uint32_t)skin_learn(&chain, (uint8_t)row[1], row[2]), chain.readout.n_classes };
             harness_write((const uint8_t *)learned, (int)sizeof learned);
+        } else if (row[0] == 'C') {
+            const uint32_t counted[3] = { 'C', chain.tally.dropped, chain.tally.decisions };
+            harness_write((const uint8_t *)counted, (int)sizeof counted);
         } else if (row[0] == 'R') {
             skin_reset(&chain);
         } else if (row[0] == 'F') {

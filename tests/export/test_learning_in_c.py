@@ -15,6 +15,7 @@ from neurotact_parts.networks import new_class
 import neurotact as nt
 from neurotact.data.spikes import from_rasters
 from neurotact.errors import InputError
+from neurotact.networks.exit.rule import FULL_WINDOW, ExitRule
 from neurotact.networks.training import run_folder
 from neurotact.networks.training.sparsity import prune
 
@@ -31,7 +32,16 @@ KINDS = {
 NAMES = tuple(f"taxel{k}" for k in range(5))
 BUSY = {"felt": (0, 1), "silk": (1, 2), "tweed": (2, 4), "wool": (2, 3)}
 WINDOW = nt.Window(length_ms=50)
-WORDS = {"event": "E", "time": "T", "learn": "L", "reset": "R", "forget": "F", "weights": "W", "end": "Q"}
+WORDS = {
+    "event": "E",
+    "time": "T",
+    "learn": "L",
+    "reset": "R",
+    "forget": "F",
+    "weights": "W",
+    "counts": "C",
+    "end": "Q",
+}
 
 
 def rasters_of(labels: list[str], seed: int) -> np.ndarray:
@@ -105,7 +115,7 @@ class Learner:
         wanted = [what for what, *_ in records if what == "weights"]
         while at < len(output):
             row = np.frombuffer(output, "<u4", 3, at) if len(output) - at >= 12 else np.zeros(3)
-            if row[0] in (ord("D"), ord("L")):
+            if row[0] in (ord("D"), ord("L"), ord("C")):
                 told.append((chr(row[0]), int(row[1]), int(row[2])))
                 at += 12
                 continue
@@ -170,7 +180,12 @@ def test_an_emulated_cortex_m0_learns_the_same(taught, tmp_path):
     records = [*lesson(), ("weights",), *touched(rasters_of(["wool"], 3)[0])]
     (tmp_path / "here").mkdir()
     told, [(weights, bias)] = Learner(folder / "run", tmp_path / "here").answers(records)
-    said, [other] = Learner(folder / "run", tmp_path, boards.BOARDS["cortex-m0"]).answers(records)
+    board = boards.BOARDS["cortex-m0"]
+    emulated = Learner(folder / "run", tmp_path, board)
+    said, [other] = emulated.answers(records)
+    proof.footprint(tmp_path, "skin", board)
+    kept = subprocess.run(["arm-none-eabi-nm", tmp_path / "skin-whole.o"], capture_output=True, text=True, check=True)
+    assert {"skin_learn", "skin_forget", "first_inverse"} <= {line.split()[-1] for line in kept.stdout.splitlines()}
     assert said == told
     assert (weights == other[0]).all()
     assert (bias == other[1]).all()
@@ -226,8 +241,9 @@ def test_windows_under_way_are_dropped_and_an_old_one_is_not_learned(taught, tmp
     """Windows of 50 steps, each 20: at its end one is decided, and another begins in its place 10 steps later."""
     device = Learner(taught("stretches") / "run", tmp_path, hop_ms=20.0)
     to_60 = [record for record in TOUCH if record[0] == "event"]
-    told, _ = device.answers([("reset",), *to_60, ("time", 50), ("learn", 2, 5), ("time", 110)])
-    assert [row[0] for row in told] == ["D", "L", "D"]  # windows from 20 and 40 on are gone; that from 60 is whole
+    told, _ = device.answers([*to_60, ("time", 50), ("learn", 2, 5), ("time", 109), ("counts",), ("time", 110)])
+    assert [row[0] for row in told] == ["D", "L", "C", "D"]  # those from 20 and 40 on are gone; that from 60 is whole
+    assert told[2] == ("C", 2, 1)
     told, _ = device.answers([("reset",), *to_60, ("time", 50), ("time", 61), ("learn", 2, 5)])
     assert told[-1] == ("L", 0, 2)
     told, _ = device.answers([("reset",), *to_60, ("time", 50), ("time", 60), ("learn", 2, 5)])
@@ -237,12 +253,19 @@ def test_windows_under_way_are_dropped_and_an_old_one_is_not_learned(taught, tmp
 @needs_compiler
 def test_an_export_that_learns_is_proven_and_says_what_learning_takes(taught, tmp_path, monkeypatch, caplog):
     monkeypatch.setattr(proving.boards, "BOARDS", {})
-    folder, said = taught("stretches"), []
-    how = {"variant": "float", "new_classes": 2, "force": True}
+    folder, said, rendered, written = taught("stretches"), [], c_export.rendered, []
+
+    def spy(context, *rest):
+        written.append((context["learns"], context["patience"]))
+        return rendered(context, *rest)
+
+    monkeypatch.setattr(c_export, "rendered", spy)
+    how = {"variant": "float", "new_classes": 2, "force": True, "spikes": folder / "spikes.h5"}
     nt.export_c(folder / "run", tmp_path, prove=3, tell=said.append, **how)
     rows = said[-1].set_index("what")["value"]
     assert rows["this machine, sanitizers"] == "every spike and decision equal"
     assert rows["windows"] == 3
+    assert written == [(True, None)] * 2
     assert said[1].startswith("learning takes 2.6 kB of RAM and 1.9 kB of flash; early exit and refusal")
     header, readme = (tmp_path / "touch.h").read_text(), (tmp_path / "README.md").read_text()
     assert "#define TOUCH_KNOWN 2 /" in header
@@ -268,7 +291,9 @@ def test_the_bytes_of_learning_are_those_of_the_struct(kind, taught, tmp_path):
         command = ["cc", "-std=c99", "touch.c", "main.c", "-o", "main"]
         subprocess.run(command, cwd=tmp_path / str(len(sizes)), check=True)
         sizes.append(int(subprocess.run([tmp_path / str(len(sizes)) / "main"], capture_output=True, check=True).stdout))
-    able = learning.teachable(run_folder.restore(run), export.prepared(run, integer=False).chain, 3)
+    exiting = export.prepared(run, integer=False).chain._replace(rule=ExitRule(5, from_first_spike=True, least_lead=1))
+    able = learning.teachable(run_folder.restore(run), exiting, 3)
+    assert able.chain.rule == FULL_WINDOW
     grown = 3 * able.chain.windows.at_once * 4  # counts of the new classes, in each window
     assert abs(sizes[0] - sizes[1] - able.bytes()[0] - 2 * grown) < 24
 
