@@ -56,6 +56,8 @@ def infer(
         say("early exit is not used, whole windows decide: a network that tells numbers has no rule for it")
     if early_exit and held is not None and held.is_refused:
         say(f"early exit is not used, whole windows decide: {held.in_words}")
+    if restored.refusal is not None and not restored.refusal.whole:
+        say(restored.refusal.in_words)
     result = network.infer(examples.spikes.to(network.device), restored.exits(early_exit))
     labels, steps, input_spikes, hidden_spikes = (part.cpu().numpy() for part in result[:4])
     table = synops.table_of(
