@@ -278,7 +278,9 @@ def of_width(outcome: OfNetworks, narrow: OfNetworks, own: float | None) -> Iter
     lost = [f"{name} {percent(was)} to {percent(now)}" for name, was, now in every if was - now > POINT]
     more = [f"and that of {len(lost) - TOLD} others"] if len(lost) > TOLD else []
     said = [f"accuracy on test windows falls ({'; '.join([*lost[:TOLD], *more])})"] if lost else []
-    if narrow.kind != outcome.kind:
+    if narrow.kind == "too few trials" and outcome.kind in ("better", "worse"):
+        said.append("the difference in accuracy is no longer clear")
+    elif narrow.kind != outcome.kind and {narrow.kind, outcome.kind} != {"tie", "too few trials"}:
         said.append(f"the verdict would be '{verdict(narrow)}'")
     if said:
         yield f"With 8-bit weights, for which baselines are chosen anew, {'; '.join(said)}."
