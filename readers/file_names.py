@@ -42,13 +42,14 @@ def unnamed(files: Sequence[str], levels: Sequence[str]) -> Parts | None:
 
 
 def labelled(files: Sequence[str]) -> str:
-    """A pattern for names of which the first part is the class; empty if they have no common form.
+    """A pattern for names of which the first word that differs is the class; empty without one, or a common form.
 
     >>> labelled(["felt_1.csv", "silk_2.csv"])
     '{label}_{number}'
     """
     names = _split(files, 0)
-    return "" if names is None else _parts(names, LABEL, [FILE]).pattern
+    found = Parts("", ()) if names is None else _parts(names, LABEL, [FILE])
+    return found.pattern if f"{{{LABEL}}}" in found.pattern else ""
 
 
 def _split(files: Sequence[str], n_levels: int) -> list[list[str]] | None:
@@ -84,7 +85,7 @@ def _may_be_condition(values: Sequence[str], above: Sequence[str]) -> bool:
 
 
 def _parts(names: list[list[str]], first: str | None, taken: Sequence[str]) -> Parts:
-    """A name for each part: that of the first one, or the letters before a number, or its place."""
+    """A name for each part: `first` for the first word, or the letters before a number, or its place."""
     pattern, called, example = "", [*taken], []
     columns = [*zip(*names, strict=True)]
     places = [place for place, values in enumerate(columns) if len({*values}) > 1]
@@ -93,8 +94,8 @@ def _parts(names: list[list[str]], first: str | None, taken: Sequence[str]) -> P
             pattern += token
             continue
         before = names[0][place - 1] if place else ""
-        is_number = place == places[-1] and all(map(_is_number, columns[place]))
-        wanted = [first if place == places[0] else None, before, "number" if is_number else None]
+        is_number = all(map(_is_number, columns[place]))
+        wanted = [None if is_number else first, before, "number" if is_number and place == places[-1] else None]
         free = (name for name in wanted if name and name.isalpha() and name.isidentifier() and name not in called)
         called.append(next(free, f"part{len(example) + 1}"))
         pattern += f"{{{called[-1]}}}"

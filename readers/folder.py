@@ -233,10 +233,16 @@ def _every(faults: Mapping[str, InputError], folder: Path) -> InputError:
     first, *others = faults.items()
     if not others:
         return first[1]
-    said = [f"{file} ({str(fault).removeprefix(f'{folder / file}: ').partition(';')[0]})" for file, fault in others]
+
+    def short(file: str) -> str:
+        return str(faults[file]).removeprefix(f"{folder / file}: ").partition(";")[0]
+
     n_others = f"{len(others)} other files have" if len(others) > 1 else "another file has"
     at_least = "at least " if len(faults) == MOST_FAULTS else ""
-    return InputError(f"{first[1]}; {at_least}{n_others} faults: {', '.join(said)}")
+    if len({*map(short, faults)}) == 1:
+        return InputError(f"{first[1]}; {at_least}{n_others} the same fault")
+    said = ", ".join(f"{file} ({short(file)})" for file, _ in others)
+    return InputError(f"{first[1]}; {at_least}{n_others} faults: {said}")
 
 
 def _with_constants(conditions: pd.DataFrame, read: Sequence[Read], folder: Path) -> pd.DataFrame:

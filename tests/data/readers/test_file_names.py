@@ -41,12 +41,10 @@ def test_the_pattern_that_is_proposed_reads_every_name(wears, forces, sign, has_
     levels = ["label"] if has_folder else []
     found = unnamed(files, levels)
     assert found is not None
-    naming = nt.Naming(levels=levels, pattern=found.pattern if has_folder else labelled(files))
-    if has_folder or len(wears) > 1:
-        read = conditions_of(files, naming, Path())
-        assert len(read.drop(columns=["file", "label"]).drop_duplicates()) == len(files) // (
-            1 if has_folder else len(wears)
-        )
+    if has_folder or len(wears) > 1:  # otherwise no word tells the class
+        naming = nt.Naming(levels=levels, pattern=found.pattern if has_folder else labelled(files))
+        read = conditions_of(files, naming, Path()).drop(columns="file")
+        assert len(read.drop_duplicates()) == len(files)
     assert found.example[-1] == "00"
 
 
@@ -112,6 +110,12 @@ def test_conditions_in_a_table_are_all_there_are(tmp_path, caplog):
     table.write_text("file,label\n" + "".join(f"a/{name},felt\n" for name in names))
     nt.read_folder(folder, 100, "mV", naming=nt.Naming(table=table))
     assert not said(caplog)
+
+
+def test_the_class_of_a_pattern_is_a_word():
+    assert labelled(["p01_felt_1.csv", "p02_silk_1.csv"]) == "p{p}_{label}_1"
+    assert labelled(["p01_2N_1.csv", "p02_2N_2.csv"]) == ""
+    assert labelled(["felt_wet_1", "silk_dry_1"]) == "{label}_{part2}_1"
 
 
 def test_a_folder_without_sub_folders_is_told_its_own_pattern(tmp_path):
