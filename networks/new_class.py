@@ -210,7 +210,7 @@ def _felt(restored: run_folder.Restored, trains: SpikeTrains, source: str) -> Sp
     """The new touches, which must come from the same encoder and have a class that the network does not know."""
     if not set(trains.classes) - set(restored.classes):
         raise InputError(f"{source}: has no class that the network does not know ({', '.join(restored.classes)})")
-    inference.check_same_input(restored, trains, allow_other=False)
+    inference.check_same_input(restored, trains)
     return trains
 
 
