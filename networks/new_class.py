@@ -253,9 +253,8 @@ def _extra(
         extra.pop(key, None)
     nothing = np.array([], np.int64)
     new = provenance.provenance_of(taught, splits.Split(np.arange(len(taught)), nothing, nothing))
-    seen, also = extra["trials"]["training"], new.model_dump(mode="json")["trials"]["training"]
-    both = {kind: [*seen[kind], *also[kind]] if seen[kind] else [] for kind in seen}
-    extra["trials"] = {**extra["trials"], "training": both}
+    known = new if restored.provenance is None else restored.provenance.with_training(new)
+    extra["trials"] = known.model_dump(mode="json")["trials"]
     if restored.ranges is not None:
         states = ranges.record_states(network, training.spikes)
         extra["ranges"] = restored.ranges._replace(hidden=states[0], readout=states[1])._asdict()

@@ -12,7 +12,7 @@ Other rooms take:
         simulator, until
     description: MOST_TAXELS, afferents_table, conditions_table, constant_taxels, lengths_line, taxels_summary,
         taxels_table
-    digests: DIGEST, TOUCH, content_digest, recorded_digest, recorded_trials, spike_digests
+    digests: DIGEST, DIGITS, TOUCH, content_digest, recorded_digest, recorded_trials, spike_digests
     doubtful: check, lines, of_copies, warn
     encoded_from: AbsentError, find, opened
     fetch: SETS, fetch, missing, public_set, registry_of
