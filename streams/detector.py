@@ -17,7 +17,7 @@ from neurotact_parts.streams.long_recordings import PART_S, RECORDING
 
 from neurotact.data import marks
 from neurotact.data.spikes import SpikeTrains
-from neurotact.data.windows import Windows, whole_steps
+from neurotact.data.windows import Windows
 from neurotact.errors import InputError
 from neurotact.metrics import synops
 from neurotact.metrics.shares import wilson_interval
@@ -181,15 +181,35 @@ def thresholds(recordings: Sequence[Heard]) -> list[float]:
     return sorted({0.0, *np.quantile(every, np.linspace(0, 1, THRESHOLDS)).tolist()})
 
 
+def scores(recordings: Sequence[Heard], rule: DetectorSpec) -> dict[int, float]:
+    """By recording, the share of hits among its events and false alarms; 1 where there are neither."""
+    found = {}
+    for one in recordings:
+        outcomes = [row[7] for row in rows_of(one, rule)]
+        hits, others = outcomes.count(HIT), outcomes.count(MISS) + outcomes.count(FALSE_ALARM)
+        found[one.trial] = hits / (hits + others) if hits + others else 1.0
+    return found
+
+
+def delays_ms(recordings: Sequence[Heard], rule: DetectorSpec) -> dict[int, float]:
+    """By recording, the mean delay of its hits; without those that have none."""
+    found = {one.trial: [row[6] for row in rows_of(one, rule) if row[7] == HIT] for one in recordings}
+    return {trial: float(np.mean(delays)) for trial, delays in found.items() if delays}
+
+
 def choose(network: Network, trains: SpikeTrains, trials: Iterable[int], task: Task) -> DetectorSpec:
+    """As `rule_for` validation recordings, as a network hears them."""
+    return rule_for(heard(network, trains, trials, names_of(trains)), task)
+
+
+def rule_for(recordings: Sequence[Heard], task: Task) -> DetectorSpec:
     """The rule for at most as many false alarms an hour on validation recordings as a task allows.
 
     Of these, the one with most hits, then with the least delay; where none is so rare, the one with the fewest. A label
     leads for half of a window at most.
     """
-    recordings, most_per_h = heard(network, trains, trials, names_of(trains)), task.false_alarms_per_h
-    most_per_h = FALSE_ALARMS_PER_H if most_per_h is None else most_per_h
-    longest = whole_steps(task.window.length_ms, trains.sampling_rate_Hz) // network.steps_per_bin
+    most_per_h = FALSE_ALARMS_PER_H if task.false_alarms_per_h is None else task.false_alarms_per_h
+    longest = int(1e-3 * task.window.length_ms / recordings[0].step_s + 1e-6)
     steps = [2**power for power in range(max(1, longest // 2).bit_length())]
     rules = [DetectorSpec(threshold=least, steps=n) for n, least in product(steps, thresholds(recordings))]
 
@@ -203,29 +223,19 @@ def choose(network: Network, trains: SpikeTrains, trials: Iterable[int], task: T
 def judge(
     network: Network, trains: SpikeTrains, trials: Iterable[int], rule: DetectorSpec
 ) -> tuple[dict[str, float], dict[str, pd.DataFrame], list[str]]:
+    """As `judged`, of test recordings as a network hears them."""
+    return judged(trains, heard(network, trains, trials, names_of(trains)), rule)
+
+
+def judged(
+    trains: SpikeTrains, recordings: Sequence[Heard], rule: DetectorSpec
+) -> tuple[dict[str, float], dict[str, pd.DataFrame], list[str]]:
     """What a detector comes to on test recordings, as columns of results; its tables, by their files; lines of words.
 
-    Intervals are of 95 %: of the share of hits Wilson's, of the rate of false alarms that of a Poisson count (Garwood
-    1936), of the delay that of recordings drawn with replacement.
+    Intervals are those of `row_of`.
     """
-    from scipy.stats import chi2
-
-    names = names_of(trains)
-    recordings = heard(network, trains, trials, names)
-    found = tally(recordings, rule)
-    n = 2 * found.false_alarms
-    n_events = len(found.delays_ms) + found.missed
-    shares = wilson_interval(found.share, n_events) if n_events else (float("nan"),) * 2
-    rates = (chi2.ppf(0.025, n) / 2 if n else 0.0, chi2.ppf(0.975, n + 2) / 2)
-    delays = numbers.interval(found.delays_ms, found.trials) if len(found.delays_ms) else (float("nan"),) * 2
-    row = {
-        "events_test": n_events, "hits": len(found.delays_ms), "misses": found.missed, "hit_share": found.share,
-        "hit_share_low": shares[0], "hit_share_high": shares[1], "false_alarms": found.false_alarms,
-        "false_alarms_per_h": found.per_h, "false_alarms_per_h_low": float(rates[0] / found.hours),
-        "false_alarms_per_h_high": float(rates[1] / found.hours), "delay_ms": found.delay_ms,
-        "delay_ms_low": delays[0], "delay_ms_high": delays[1], "tested_s": 3600 * found.hours,
-        "detector_threshold": rule.threshold, "detector_steps": rule.steps,
-    }  # fmt: skip
+    names, found = names_of(trains), tally(recordings, rule)
+    row = {**row_of(found), "detector_threshold": rule.threshold, "detector_steps": rule.steps}
     curve = []
     for least in thresholds(recordings):
         at = tally(recordings, rule.model_copy(update={"threshold": least}))
@@ -236,6 +246,28 @@ def judge(
         "operating_curve.csv": pd.DataFrame(curve, columns=columns),
     }
     return row, tables, [*_lines(row)]
+
+
+def row_of(found: Tally) -> dict[str, float]:
+    """Columns of results of a tally.
+
+    Intervals are of 95 %: of the share of hits Wilson's, of the rate of false alarms that of a Poisson count (Garwood
+    1936), of the delay that of recordings drawn with replacement.
+    """
+    from scipy.stats import chi2
+
+    n = 2 * found.false_alarms
+    n_events = len(found.delays_ms) + found.missed
+    shares = wilson_interval(found.share, n_events) if n_events else (float("nan"),) * 2
+    rates = (chi2.ppf(0.025, n) / 2 if n else 0.0, chi2.ppf(0.975, n + 2) / 2)
+    delays = numbers.interval(found.delays_ms, found.trials) if len(found.delays_ms) else (float("nan"),) * 2
+    return {
+        "events_test": n_events, "hits": len(found.delays_ms), "misses": found.missed, "hit_share": found.share,
+        "hit_share_low": shares[0], "hit_share_high": shares[1], "false_alarms": found.false_alarms,
+        "false_alarms_per_h": found.per_h, "false_alarms_per_h_low": float(rates[0] / found.hours),
+        "false_alarms_per_h_high": float(rates[1] / found.hours), "delay_ms": found.delay_ms,
+        "delay_ms_low": delays[0], "delay_ms_high": delays[1], "tested_s": 3600 * found.hours,
+    }  # fmt: skip
 
 
 def events_of(

@@ -14,6 +14,7 @@ import numpy as np
 import pandas as pd
 
 from neurotact.data import marks
+from neurotact.data.recordings import Recordings
 from neurotact.data.spikes import SpikeTrains
 from neurotact.data.windows import WindowSpec, steps_of
 from neurotact.errors import InputError
@@ -40,28 +41,53 @@ def in_parts(trains: SpikeTrains, n: int) -> SpikeTrains:
 
     The parts of one recording are no copies of each other. Times of a part count from its begin.
     """
-    rate_Hz, rows, labelled = trains.sampling_rate_Hz, [], []
-    table = pd.DataFrame(columns=marks.COLUMNS) if trains.marks is None else trains.marks
-    for trial, n_steps in enumerate(trains.trial_steps.tolist()):
-        own = table[table["trial"] == trial]
-        for first, last in pairwise(_edges(n_steps, n, own, rate_Hz)):
-            inside = own[(own["start_s"] >= first / rate_Hz) & (own["start_s"] < last / rate_Hz)]
-            times = {key: (inside[key].clip(upper=last / rate_Hz) - first / rate_Hz) for key in marks.COLUMNS[1:3]}
-            labelled.append(inside.assign(trial=len(rows), **times))
-            rows.append((trial, first, last))
+    rows, labelled = _cut(trains, trains.trial_steps, n)
     of, first, last = np.array(rows).T
     kept = [np.searchsorted(trains.steps[trial], (a, b)) for trial, a, b in rows]
     of_parts = {
         name: tuple(f"{names[trial]}/{a}" for trial, a, _ in rows) if (names := getattr(trains, name)) else ()
         for name in ("trial_digests", "trial_touches")
     }
-    conditions = trains.conditions.iloc[of].reset_index(drop=True)
     return replace(
         trains, steps=[trains.steps[row[0]][a:b] - row[1] for row, (a, b) in zip(rows, kept, strict=True)],
         units=[trains.units[row[0]][a:b] for row, (a, b) in zip(rows, kept, strict=True)], trial_steps=last - first,
-        conditions=conditions.assign(**{RECORDING: of, PART_S: first / rate_Hz}), variations=None,
-        marks=None if trains.marks is None else pd.concat(labelled, ignore_index=True), **of_parts,
+        conditions=_conditions(trains, of, first), variations=None, marks=labelled, **of_parts,
     )  # fmt: skip
+
+
+def parts_of_recordings(recordings: Recordings) -> Recordings:
+    """Fewer recordings than `RECORDINGS` cut as by `in_parts`, before they are encoded."""
+    n = math.ceil(RECORDINGS / len(recordings))
+    if n == 1:
+        return recordings
+    rows, labelled = _cut(recordings, recordings.lengths, n)
+    of, first, _ = np.array(rows).T
+    log.warning(
+        "Split: by time, since there are %d recordings: %d parts, cut outside of marks.", len(recordings), len(of)
+    )
+    signals = [recordings.signals[trial][begin:end] for trial, begin, end in rows]
+    return replace(recordings, signals=signals, conditions=_conditions(recordings, of, first), marks=labelled)
+
+
+def _cut(
+    touches: Recordings | SpikeTrains, lengths: np.ndarray, n: int
+) -> tuple[list[tuple[int, int, int]], pd.DataFrame | None]:
+    """The trial, the first sample and the end of each part, and the marks of parts."""
+    rate_Hz, rows, labelled = touches.sampling_rate_Hz, [], []
+    table = pd.DataFrame(columns=marks.COLUMNS) if touches.marks is None else touches.marks
+    for trial, length in enumerate(lengths.tolist()):
+        own = table[table["trial"] == trial]
+        for first, last in pairwise(_edges(length, n, own, rate_Hz)):
+            inside = own[(own["start_s"] >= first / rate_Hz) & (own["start_s"] < last / rate_Hz)]
+            times = {key: (inside[key].clip(upper=last / rate_Hz) - first / rate_Hz) for key in marks.COLUMNS[1:3]}
+            labelled.append(inside.assign(trial=len(rows), **times))
+            rows.append((trial, first, last))
+    return rows, None if touches.marks is None else pd.concat(labelled, ignore_index=True)
+
+
+def _conditions(touches: Recordings | SpikeTrains, of: np.ndarray, first: np.ndarray) -> pd.DataFrame:
+    conditions = touches.conditions.iloc[of].reset_index(drop=True)
+    return conditions.assign(**{RECORDING: of, PART_S: first / touches.sampling_rate_Hz})
 
 
 def _edges(n_steps: int, n: int, own: pd.DataFrame, rate_Hz: float) -> list[int]:

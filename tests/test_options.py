@@ -134,6 +134,7 @@ OF_NIR = {
 MOVED = "tests/data/test_encoded_from.py"
 STUDY = "tests/studies/test_interrupted.py"
 BUNDLE = "tests/of_studies/publishing/test_bundle.py"
+TARGETS = "tests/of_studies/targets/test_studies_of_targets.py"
 SPLITS = "tests/of_studies/comparison/test_own_set.py"
 WINDOW, SPLIT = fields_of("window", nt.Window, in_python=True), fields_of("split", nt.Split, in_python=True)
 LAYOUT = fields_of("layout", nt.Layout)
@@ -653,6 +654,8 @@ WAYS = {
                 "--folds": SPLITS,
                 "--leave-out-each": "tests/studies/test_automatic.py",
                 "--repeats": SPLITS,
+                "--target": TARGETS,
+                "--false-alarms-per-h": TARGETS,
                 "--set": "tests/studies/test_study.py",
                 "--workers": "tests/studies/test_scheduler.py",
                 "--scheduler": "tests/studies/test_scheduler.py",
@@ -934,6 +937,7 @@ ELSEWHERE = {
         for key in (*WINDOW, *SPLIT)), HERE),
     "windows.window.onset.bin_ms": "tests/data/test_contact.py",
     **dict.fromkeys((f"{name}.{key}" for name in ("read_raster", "read_table") for key in LAYOUT), HERE),
+    **dict.fromkeys(("run_study.learn.balance", "run_study.learn.refuse"), TARGETS),
     "refuse.share": "tests/export/test_refusal.py",
     "tune.search.first": "tests/networks/test_tuning.py",
     "to_snntorch.time_first": FITTED,

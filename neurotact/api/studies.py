@@ -13,6 +13,7 @@ from neurotact.data.trial_choice import TrialChoice, chosen_trials
 from neurotact.data.windows import WindowSpec
 from neurotact.errors import InputError
 from neurotact.lazily import lazily
+from neurotact.networks.definition.learned import LearnSpec
 from neurotact.spec import takes_specs
 from neurotact.studies.sweeps import JOIN
 
@@ -38,6 +39,7 @@ def run_study(
     where: Conditions | None = None,
     leave_out: LeftOut = None,
     split: Splits = Splits(),
+    learn: LearnSpec = LearnSpec(),
     workers: int | None = None,
     scheduler: str | None = None,
 ) -> "pd.DataFrame":
@@ -50,6 +52,8 @@ def run_study(
     window, split: as for `train`; what is not given is as in the study. Where the split has turns, such as folds, every
         network is trained for each, and results are means over them. Values of `leave_out_each` are those of `data`.
     where, leave_out: the trials that are used, as of `read`.
+    learn: as for `train`: with `nt.Learn(target="force_N")` networks and their rivals tell numbers, with "events" they
+        detect them.
     workers: processes on this machine, 2 if None. scheduler: address of a Dask scheduler, in their place.
     The folder holds all tables, the figures and `report.html`; what was done before is not done again.
     Raises InputError for an unknown study or key, and for a folder with another study.
@@ -61,7 +65,11 @@ def run_study(
     choice = TrialChoice.of(where, leave_out)
     windows = {f"window.{key}": value for key, value in window.given().items()}
     changes = {**spec.checked_settings(settings), **windows, **loading.choice_changes(**choice._asdict())}
-    changes |= _split_changes(split) | (_left_out_changes(split, data, choice) if split.leave_out_each else {})
+    changes |= (
+        _learned_changes(learn)
+        | _split_changes(split)
+        | (_left_out_changes(split, data, choice) if split.leave_out_each else {})
+    )
     study = loading.resolve(name, changes, quick=quick, data=data)
     for note in getattr(study, "notes", ()):
         log.warning("%s", note)
@@ -91,7 +99,8 @@ def study_answer(folder: str | Path) -> dict[str, Any]:
     Keys: answers (each with dataset, headline and details, and, unless the way has sentences of its own, kind, short,
     the verdict alone, figures, the large ones of the page, and chosen, which network they are of), among (which
     encoder, if the study sweeps them), cautions, tables (each with caption, columns and rows; not of every study), and
-    report, the path of the page.
+    report, the path of the page. Answers of numbers or events also have network and rival, their errors or events and
+    costs by plain names, and p.
 
     >>> nt.study_answer("no-study-yet")["answers"]
     []
@@ -141,6 +150,19 @@ def _left_out_changes(split: Splits, data: str | Path | None, choice: TrialChoic
     if len(columns) == 1:
         return {axis: [test[columns[0]] for test in tests]}
     return {axis: [[*test.values()] for test in tests], "split.leave_aside": True}
+
+
+def _learned_changes(learn: LearnSpec) -> dict[str, Any]:
+    """Changes of a study for what its networks learn.
+
+    >>> _learned_changes(LearnSpec(target="force_N"))
+    {'way': 'targets', 'parameters': {'target': ['force_N']}}
+    """
+    if learn.refuse is not None:
+        raise InputError("`refuse`: a study refuses no touches; train the chosen network with it")
+    parameters = learn.model_dump(mode="json", include={"target", "false_alarms_per_h"}, exclude_none=True)
+    balance = {} if learn.balance == "none" else {"balance": learn.balance}
+    return balance | ({"way": "targets", "parameters": parameters} if learn.target else {})
 
 
 def _split_changes(split: Splits) -> dict[str, Any]:

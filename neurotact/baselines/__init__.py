@@ -3,10 +3,10 @@
 Other rooms take:
 
     features: averaged, bin_edges, counted
-    opponent: Opponent, Opponents, Settings, Sides, Takes, accuracy, best_of, joined, load, named, part_of, right,
-        rounded, say_once, standardised
-    opponents: BINS, Cuts, Input, LINEAR, MOST_SAMPLES, RIGHT, ROUNDED, SPIKES, cuts_of, gru_steps, in_words,
-        pieces_of, rows, signal_inputs, spike_inputs, without_slow
+    opponent: Candidate, Opponent, Opponents, Settings, Sides, Takes, accuracy, best_of, joined, load, named,
+        part_of, right, rounded, say_once, standardised
+    opponents: BINS, Cuts, ERRORS, Input, LINEAR, MOST_SAMPLES, RIGHT, ROUNDED, SPIKES, cuts_of, gru_steps,
+        in_words, pieces_of, rows, signal_inputs, spike_inputs, without_slow
 """
 
 import lazy_loader

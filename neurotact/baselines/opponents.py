@@ -58,8 +58,8 @@ ROUNDED = f"_{BITS}bit"
 """Ends the name of what a rounded opponent has."""
 SETTINGS = {"settings": "", f"settings{ROUNDED}": ROUNDED}
 """Columns of what validation has chosen, by width."""
-RIGHT = "right"
-"""A key of each row that is not a column of `baselines.csv`."""
+RIGHT, ERRORS = "right", "errors"
+"""Keys of each row that are no columns of `baselines.csv`."""
 
 
 class Input(NamedTuple):
@@ -265,7 +265,8 @@ def spike_inputs(
 def rows(inputs: Iterable[Input], labels: np.ndarray, cuts: Cuts) -> Iterator[dict[str, Any]]:
     """A row of `baselines.csv` for each classifier on each input.
 
-    labels: the class of each window, `(window,)`, or its numbers, `(window, target)`, whose accuracies are mean scores.
+    labels: the class of each window, `(window,)`, or its numbers, `(window, target)`, whose accuracies are mean scores;
+    then `ERRORS` holds the root-mean-square error of each on test windows, in its unit.
 
     A slow one (`all`) is trained with the varied copies that were best for the classifiers before it. A
     classifier that is chosen is fitted again to the training windows of `cuts.last`, as networks are.
@@ -305,6 +306,8 @@ def rows(inputs: Iterable[Input], labels: np.ndarray, cuts: Cuts) -> Iterator[di
                 best_yet = row["accuracy_validation"], kind
             if cuts.copies:
                 row |= {key: f"{row[key]}; varied copies: {kind}" for key in SETTINGS if row[key]}
+            if labels.ndim > 1:
+                row[ERRORS] = _errors(fitted[""], sides, labels[last.trained[kind]])
             yield {**row, RIGHT: by_trial}
 
 
@@ -321,6 +324,12 @@ def _right(opponent: Opponent, one: Candidate, sides: Sides, side: str, width: s
     if width and opponent.rounded is not None:
         fitted, x = opponent.rounded(fitted, sides.train, BITS), rounded(x, 2 * BITS, of=sides.train)
     return right(fitted.predict(x), y)
+
+
+def _errors(one: Candidate, sides: Sides, training: np.ndarray) -> list[float]:
+    """The root-mean-square error of each number on test windows in its unit; training: numbers of training windows."""
+    wrong = one.fitted.predict(sides.test).reshape(sides.y_test.shape) - sides.y_test
+    return (np.sqrt(np.square(wrong).mean(axis=0)) * training.std(axis=0, dtype=float)).tolist()
 
 
 def _best_candidates(opponent: Opponent, sides: Sides) -> dict[str, _Chosen]:

@@ -39,6 +39,7 @@ app = new_app("Run, resume and report studies.")
     ),
     window="window_ms",
     split="test_where group order folds leave_out_each repeats",
+    learn="target false_alarms_per_h",
 )
 def study_run(given: dict[str, Any], as_json: Json = False) -> None:
     """Run a study and write its report.

@@ -2,18 +2,18 @@
 
 Other rooms take:
 
-    answer: Baseline, Network, Trials, interval_of
+    answer: Answer, Baseline, Network, Trials, interval_of
     encoding_drawings: name_classes
     first_screen: mark, table_of_configurations, with_interval, within
-    front: Front, baselines_of
+    front: Front, baselines_of, costs_of
     networks: DOWNLOADS, Steps, means_table, write
-    page: PRINTED, Table, if_there, write
+    page: Figure, PRINTED, Table, if_there, write
     periods: NONE, head, in_ms, of_rows
     report: write
     running: writer
-    tables: first_spikes, with_pair, with_setting
+    tables: afferents_of, first_spikes, tables_beside, with_pair, with_setting
     under_prices: times, turning
     way_answer: Configuration, WayAnswer, answers
     ways: DOWNLOADS, over_rows, seen
-    wording: count, energy, percent
+    wording: Measure, chance_of, count, energy, milliseconds, p_of, percent
 """

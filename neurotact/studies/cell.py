@@ -31,6 +31,8 @@ TOLD_S, JUDGED_S, LONG_MIN = 1.0, 20.0, 5.0
 """
 RIGHT_SEEN = "right_seen"
 """Of a result: the share of correct windows of each trial that tests the conditions of training."""
+TARGET = ("target", "false_alarms_per_h")
+"""Of the source of a cell in a study with a target: what its network learns."""
 SEARCH = "search"
 """The folder of a cell's search."""
 
@@ -172,6 +174,8 @@ def _files_of(
     trial = copies_of(trains).first[trains.cut(task.window, tasks.trials_of(trains, task).test).trial]
     for decided in ("right", "exit_right"):
         result[decided] = paired.by_trial(trial, result[decided])
+    if task.target:
+        result = plugins.load_function("tools", "measured_target")(result, fitted, sides, trains, task)
     result["row"] = {
         "dataset": cell.dataset,
         **encoding_tables.periods(cell),
@@ -207,6 +211,7 @@ def task_of(cell: Cell) -> Task:
         exit_tolerance=cell.early_exit.tolerance,
         exit_choice=cell.early_exit.choice,
         seen=model_selection.SEEN if cell.augmentation is not None else 0.0,
+        **{key: cell.source[key] for key in TARGET if key in cell.source},
     )
 
 

@@ -55,6 +55,7 @@ class Engine(NamedTuple):
     steps: the cells in steps, each of which is done before the next is asked for; by default all are one step.
     wanted: the cells of all steps as far as results are known.
     report: writes the page of a run folder and gives its path; None for the page of such studies.
+    own: the changes of a study that becomes one of this way, from its table, the given ones, `quick` and `data`.
     """
 
     cells: Callable[[Any], Iterator[Any]]
@@ -66,6 +67,7 @@ class Engine(NamedTuple):
     steps: Callable[[Any, list[Any], Path], Iterator[Step]] = _all_at_once
     wanted: Callable[[Any, list[Any], Path], list[Any]] = _every_cell
     report: Callable[[Any, Path], Path] | None = None
+    own: Callable[[Mapping[str, Any], Mapping[str, Any], bool, str | Path | None], Mapping[str, Any]] | None = None
 
 
 MapCells = Callable[[Engine, list[AnyCell], Path], Iterator[tuple[AnyCell, Files]]]

@@ -39,8 +39,15 @@ def resolve(
     table = automatic.table_of(path)
     if "protocol" in table and "dataset" not in table:
         raise InputError(f"{path}: its key `protocol` is now called `way`; rename it")
-    if "way" in table and _own_engine(table["way"]) is None:
+    overrides = {**(overrides or {})}
+    way, asked = table.get("way", study.NETWORKS), overrides.get("way")
+    if asked is not None and way not in (study.NETWORKS, asked):
+        raise InputError(f"target: {path.stem} is a study of its own way, of classes; own-recordings takes targets")
+    if "way" in table and _own_engine(way) is None:
         return way_study.resolve(table, path, overrides, quick=quick, data=data)
+    engine = _own_engine(asked or way)
+    if engine is not None and engine.own is not None:
+        overrides |= engine.own(table, overrides, quick, data)
     found = study.resolve(name, overrides, quick=quick, data=data)
     next(engine_of(found).cells(found), None)  # the way refuses here what it cannot run
     return found

@@ -9,9 +9,11 @@ from typing import Any
 
 import numpy as np
 
+from neurotact import plugins
 from neurotact.data import hdf5
 from neurotact.data.augmentation import check_taxels
 from neurotact.data.conditioning import conditioned_length
+from neurotact.data.copies import copies_of
 from neurotact.data.dataset import DatasetSpec, expand, load_recordings, until
 from neurotact.data.recordings import Recordings, select_conditions
 from neurotact.data.spikes import SpikeTrains
@@ -24,6 +26,7 @@ from neurotact.encoders.model import EncoderSpec
 from neurotact.encoders.specs import with_t_refs
 from neurotact.errors import InputError
 from neurotact.files import write_json
+from neurotact.networks.training.tasks import split_of
 from neurotact.progress import at, counting
 from neurotact.spec import digest
 from neurotact.studies import encoding_tables, measures, store, tables_beside
@@ -40,6 +43,12 @@ from neurotact.tables import write_table
 def dataset_of(study: StudySpec, cell: Cell) -> DatasetSpec:
     """The data set of a cell: the study's, with the cell's swept parameters of the simulation."""
     return study.dataset.model_copy(update={"parameters": cell.source["parameters"]})
+
+
+def recordings_of(study: StudySpec, cell: Cell) -> Recordings:
+    """The recordings of a cell; few long ones are cut in time, where events are learned."""
+    recordings = load_recordings(dataset_of(study, cell))
+    return plugins.load_function("tools", "parts_of_recordings")(recordings) if task_of(cell).detects else recordings
 
 
 def prepare(folder: Path, study: StudySpec, cells: list[Cell]) -> None:
@@ -60,7 +69,7 @@ def prepare(folder: Path, study: StudySpec, cells: list[Cell]) -> None:
         return
     first, *others = _by_source(cells)
     with store.timed(folder, "read"):
-        recordings = load_recordings(dataset_of(study, first[0]))
+        recordings = recordings_of(study, first[0])
     for cell in cells:
         check_taxels(cell.augmentation, recordings.n_channels)
     content = _check_unchanged(folder, recordings, before, source)
@@ -68,7 +77,7 @@ def prepare(folder: Path, study: StudySpec, cells: list[Cell]) -> None:
     _encode(folder, study, first, recordings, content)
     for group in others:  # only one set of recordings is in memory
         if not spikes_flaws.keys().isdisjoint(_encodings(group)):
-            _encode(folder, study, group, encoded_part(load_recordings(dataset_of(study, group[0])), group[0]), content)
+            _encode(folder, study, group, encoded_part(recordings_of(study, group[0]), group[0]), content)
     tables_beside.write(folder, study, cells, recordings, table_flaws)
     store.seal(folder, beside)
 
@@ -123,11 +132,11 @@ def _encode(folder: Path, study: StudySpec, cells: list[Cell], recordings: Recor
 
 
 def _used(trains: SpikeTrains, cells: Iterable[Cell]) -> SpikeTrains:
-    """The spikes that cells use: up to the end of the last window, or all where one of them has no network.
+    """The spikes that cells use: up to the end of the last window, or all where one has no network, or no windows.
 
     A recording may be much longer than its windows, and its spikes take more of the disk than it does.
     """
-    if any(cell.network is None for cell in cells):
+    if any(cell.network is None or task_of(cell).detects for cell in cells):
         return trains
     windows = (window for task in map(task_of, cells) for window in (task.window, task.training_window))
     return trains.until(*{window.digest(): window for window in windows}.values())
@@ -165,15 +174,20 @@ def encoder_of(
     """
     if cell.calibrate is None:
         return cell.encoder
-    known = cell.subset if cell.test_every_condition else {}
+    known, task = cell.subset if cell.test_every_condition else {}, task_of(cell)
     apart = tuple(cell.split.test_where) if between else ()
 
     def fitted(start: EncoderSpec, spikes_per_s: float | None) -> EncoderSpec:
         key = digest([start.model_dump(mode="json"), cell.split.model_dump(), known, spikes_per_s])
         if key not in calibrated:
-            train = training_touches(recordings, cell.source["stratify"], cell.split)
+            if task.target:
+                train = copies_of(recordings).distinct(split_of(recordings, task).train)
+            else:
+                train = training_touches(recordings, cell.source["stratify"], cell.split)
             train = np.intersect1d(train, np.flatnonzero(select_conditions(recordings.conditions, known)))
             training = recordings.select(train)
+            if task.target:  # gains are chosen by how well they separate classes
+                training = plugins.load_function("tools", "classes_of_target")(training, task)
             if cell.split.folds:  # each fold has its own encoder, and its notes name the fold
                 training = replace(training, source=f"{recordings.source}, fold {cell.split.fold}")
             fit, times = calibration_for(

@@ -13,12 +13,13 @@ from typing import Any, NamedTuple
 import numpy as np
 import pandas as pd
 
+from neurotact import plugins
 from neurotact.baselines import opponents
 from neurotact.data import hdf5
 from neurotact.data.augmentation import varied_copies
 from neurotact.data.copies import copies_of
 from neurotact.data.dataset import until
-from neurotact.data.recordings import Recordings, class_indices
+from neurotact.data.recordings import Recordings
 from neurotact.data.spikes import SpikeTrains
 from neurotact.data.splits import Split
 from neurotact.data.windows import Windows
@@ -66,6 +67,8 @@ def _baselines(
     The second table contains, for each row of the first (`baseline`) and each validation or test trial (`side`), the
     share of correctly classified windows; copies are one trial, the first of them.
     """
+    if task_of(cells[0]).detects:
+        return plugins.load_function("tools", "rivals_of_detectors")(folder, study, cells, recordings)
     groups = [list({cell.spikes_name: cell for cell in group}.values()) for group in by_split(cells)]
     fitted_rows = []
     advance = counting("classifiers on signals and spikes", sum(map(len, groups)))
@@ -94,13 +97,14 @@ def _fitted(
     every, first = trains.with_variations(cells[0].window), copies_of(trains).first
     if trains.variations is not None:  # the trial of a varied copy is that of which it is one
         first = np.concatenate([first, first[trains.variations.of]])
-    windows, labels = every.cut(cells[0].window), class_indices(every.conditions)
+    windows = every.cut(cells[0].window)
+    labels = tasks.labels_of(every, windows, task).numpy()
     pieces = pieces_with_copies(recordings, windows, trains, cell) if is_first and trains.variations else ()
     first_ms, second_ms = t_ref_pair_ms(cell.encoder)
     pair = second_ms, first_ms
     for name, where in {cell.dataset: cell.subset for cell in cells}.items():
         cut = partial(opponents.cuts_of, every.conditions, windows, trains.sampling_rate_Hz, subset=where)
-        cuts = with_training(cut(parts), trains, cell, parts)
+        cuts = with_training(cut(parts), trains, cell, parts)._replace(tells="numbers" if task.target else "classes")
         if last is not None:
             known = tasks.trials_of(trains, last)
             cuts = cuts._replace(last=with_training(cut(known), trains, cell, known))
@@ -109,12 +113,14 @@ def _fitted(
         counts = {"is_first": is_first, "encoding": study.encoding_in == "processor", "recorded": recorded}
         of_spikes = opponents.spike_inputs(every, pair, cuts, study.baselines, **counts)
         of_spikes = () if study.baselines == "linear" else of_spikes
-        for row in opponents.rows(chain(of_signals, of_spikes), labels[windows.trial], cuts):
+        for row in opponents.rows(chain(of_signals, of_spikes), labels, cuts):
             is_of_spikes = row["t_ref_ra_ms"] is not None
             encoder = {key: value_at(cell, key) if is_of_spikes else None for key in encoder_columns(study)}
             own = row[opponents.RIGHT].items()
             touches = {side: paired.by_trial(first[[*shares]], [*shares.values()]) for side, shares in own}
-            yield {"dataset": name, **split, **row, **encoder, opponents.RIGHT: touches}
+            wrong = row.pop(opponents.ERRORS, ())
+            errors = {f"rmse_{target}": rmse for target, rmse in zip(task.numbers, wrong, strict=True)}
+            yield {"dataset": name, **split, **row, **errors, **encoder, opponents.RIGHT: touches}
 
 
 def with_used_copies(trains: SpikeTrains, cell: Cell, *parts: Split) -> SpikeTrains:

@@ -246,7 +246,7 @@ def test_a_way_without_sentences_leaves_the_answer_of_its_page(finished, tmp_pat
 def test_the_protocols_that_ship_hold_what_a_protocol_holds(monkeypatch):
     monkeypatch.undo()
     modules = [name for name in plugins.names("ways") if not isinstance(plugins.load("ways", name), Engine)]
-    assert {*plugins.names("ways")} - {*modules} == {"networks", "afferents", "selection"}
+    assert {*plugins.names("ways")} - {*modules} == {"networks", "targets", "afferents", "selection"}
     for name in modules:
         module = way.module_of(name)
         assert "data" in module.Parameters.model_fields, name

@@ -14,7 +14,7 @@ from pydantic import Field
 from neurotact.data import hdf5
 from neurotact.data.augmentation import NONE
 from neurotact.data.copies import copies_of
-from neurotact.data.recordings import LABEL, select_conditions
+from neurotact.data.recordings import LABEL, Trials, select_conditions
 from neurotact.data.spikes import SpikeTrains, empty_raster
 from neurotact.data.splits import Split, Splits, SplitSpec, hold_out, split_conditions, split_touches, turns_of
 from neurotact.data.trial_choice import LeaveOut, TrialChoice, Where, chosen_trials, values_in_words
@@ -302,7 +302,7 @@ def trials_of(trains: SpikeTrains, task: Task, split: Split | None = None) -> Sp
     condition that tells them apart, the sides have equal shares of each class, or of similar numbers.
     """
     inside = np.flatnonzero(select_conditions(trains.conditions, task.subset))
-    split = split or _split(trains, task)
+    split = split or split_of(trains, task)
     sides = Split(*(np.intersect1d(side, inside) for side in split))
     if task.seen:
         kept = _kept(trains, sides.train, task)
@@ -324,16 +324,16 @@ def trials_of(trains: SpikeTrains, task: Task, split: Split | None = None) -> Sp
     return sides
 
 
-def _split(trains: SpikeTrains, task: Task) -> Split:
-    """The split that a task draws."""
+def split_of(touches: Trials | SpikeTrains, task: Task) -> Split:
+    """The split that a task draws of recordings, or of their spikes."""
     if not task.target:
-        return split_touches(trains, task.stratify, task.split)
+        return split_touches(touches, task.stratify, task.split)
     chosen, groups = task.split, 0
-    table, is_random = trains.conditions, not (chosen.test_where or chosen.group or chosen.order)
+    table, is_random = touches.conditions, not (chosen.test_where or chosen.group or chosen.order)
     if task.numbers:
         numbers.check(table, task.numbers, np.arange(len(table)))
         groups = numbers.groups_of(table, task.numbers) if is_random else 0
-    return split_conditions(table.assign(**{LABEL: groups}), task.stratify, chosen, copies_of(trains).first)
+    return split_conditions(table.assign(**{LABEL: groups}), task.stratify, chosen, copies_of(touches).first)
 
 
 def _kept(trains: SpikeTrains, train: np.ndarray, task: Task) -> np.ndarray:

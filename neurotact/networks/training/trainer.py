@@ -112,6 +112,7 @@ def new_trained(
         network, order = new_network(trains, spec, seeds, training.spikes, task, backend=backend)
         return network.to(device), order
 
+    spec = spec_for(spec, task.numbers if task else ())  # its loss decides what a recipe chooses
     chosen = recipe.chosen_for(spec, training.spikes, trains.sampling_rate_Hz)
     if until is not None:
         options["keep"] = partial(_pause, math.ceil(until * chosen.training.epochs))

@@ -1,0 +1,1 @@
+"""Studies whose networks tell numbers or detect events, in place of classes."""
