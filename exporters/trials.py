@@ -1,10 +1,12 @@
 """The trials of a run, on which an export is tested, and that give the ranges of its integers."""
 
+from collections.abc import Sequence
 from pathlib import Path
 from typing import NamedTuple
 
 import numpy as np
 from neurotact_parts.streams.chain import build_encoder
+from neurotact_parts.streams.long_recordings import RECORDING
 from torch import Tensor
 
 from neurotact.data import encoded_from, hdf5
@@ -46,15 +48,25 @@ def recorded(restored: run_folder.Restored, recordings: Recordings | str | Path 
     trains = run_folder.trained_spikes_of(restored)
     assert restored.spikes_path is not None  # the file of these
     unit = str((restored.encoder or {}).get("unit", "mV"))
-    split = tasks.trials_of(trains, restored.task)
-    chosen = evenly(split.train)
-    path, trials = encoded_from.find(restored.spikes_path, trains, np.append(chosen, split.test), recordings)
+    split, windows = tasks.trials_of(trains, restored.task), tasks.sides_of(trains, restored.task).train.spikes
+    chosen, test = evenly(split.train), split.test
+    if restored.task.parts > 1:
+        trains, (chosen, test) = _whole(restored, trains, (chosen, test))
+    path, trials = encoded_from.find(restored.spikes_path, trains, np.append(chosen, test), recordings)
     with encoded_from.opened(path, trains) as stored:
         sides = trials[: len(chosen)], trials[len(chosen) :]
         parts = [list(stored.select(side).loaded().to_unit(unit).signals) for side in sides]
-        windows = tasks.sides_of(trains, restored.task).train.spikes
-        labels = _labels(restored, trains, split.test)
+        labels = _labels(restored, trains, test)
         return Recorded(parts[0], parts[1], labels, stored.sampling_rate_Hz, windows)
+
+
+def _whole(
+    restored: run_folder.Restored, parts: SpikeTrains, sides: Sequence[np.ndarray]
+) -> tuple[SpikeTrains, list[np.ndarray]]:
+    """The recordings whose parts are the trials of a detector, and those that have a part on each side."""
+    assert restored.spikes_path is not None
+    whole = tasks.load_spikes(restored.spikes_path, restored.task.model_copy(update={"parts": 1}))
+    return whole, [np.unique(parts.conditions[RECORDING].to_numpy()[side]) for side in sides]
 
 
 def _of_events(restored: run_folder.Restored, recordings: object) -> Recorded:
@@ -76,6 +88,8 @@ def _of_events(restored: run_folder.Restored, recordings: object) -> Recorded:
 
 def _labels(restored: run_folder.Restored, trials: SpikeTrains | Recordings, chosen: np.ndarray) -> np.ndarray:
     """The classes of some trials, as indices into those of the network, or their numbers `(trial, target)`."""
+    if restored.task.detects:
+        return np.zeros(len(chosen), np.int64)  # a recording has no label
     if restored.task.numbers:
         return numbers.of_trials(trials.conditions, restored.task.numbers)[chosen]
     return np.array([restored.classes.index(trials.classes[label]) for label in trials.labels[chosen]], np.int64)

@@ -85,14 +85,18 @@ void tally_lanes(const TalliedPopulation<T>& e, int64_t trial, int first) {
         felt[k] = e.felt + (trial + k) * e.steps * e.taxels + first;
         end = e.tally.ends[trial + k] > end ? e.tally.ends[trial + k] : end;
     }
-    for (int64_t t = 0; t < end; t++) {
+    for (int64_t begin = 0; begin < end; begin += 8) {
+        const int n_steps = int(end - begin < 8 ? end - begin : 8);
+        uint64_t fired[N]{};  // a byte for each taxel, a bit for each step
+        for (int step = 0; step < n_steps; step++) {
 #pragma GCC unroll 4
-        for (int k = 0; k < N; k++) {
-            V now;
-            std::memcpy(&now, felt[k] + t * e.taxels, sizeof now);
-            const uint64_t fired = lif_step(of[k], constants.gain * now, constants);
-            if (fired && t < e.tally.ends[trial + k]) e.tally.mark_byte_by_byte(trial + k, first, fired, t);
+            for (int k = 0; k < N; k++) {
+                V now;
+                std::memcpy(&now, felt[k] + (begin + step) * e.taxels, sizeof now);
+                fired[k] |= lif_step(of[k], constants.gain * now, constants) << step;
+            }
         }
+        for (int k = 0; k < N; k++) e.tally.mark_eight_steps(trial + k, first, fired[k], begin);
     }
 }
 

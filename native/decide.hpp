@@ -164,7 +164,7 @@ struct InferState {
     InferState(const Net<T>& net, const ForwardTables<T>& tables, Carver& carver)
         : current(carver.take<T>(tables.hidden.pitch)), membrane(carver.take<T>(tables.hidden.pitch)),
           adaptation(net.adaptation.on ? carver.take<T>(tables.hidden.pitch) : nullptr),
-          spikes(net.sizes.hidden, carver), rows(carver.take<uint32_t>(net.sizes.inputs + net.sizes.hidden)), sent(rows),
+          spikes(net.sizes.hidden, carver), rows(carve_rows(net.sizes.inputs + net.sizes.hidden, carver)), sent(rows),
           readout(net, tables, carver) {}
     void start(const Net<T>& net, const ForwardTables<T>& tables, Value* counts) {
         std::memset(current, 0, tables.hidden.pitch * sizeof(T));

@@ -173,8 +173,24 @@ struct Tally {
         }
         last[row] = int32_t(step);
     }
-    void mark_byte_by_byte(int64_t trial, int64_t first, uint64_t fired, int64_t step) const {
-        for (; fired; fired &= fired - 1) mark(trial, first + __builtin_ctzll(fired) / 8, step);
+    // Eight neighbours from `first` on at eight steps from `begin` on: a byte of `fired` for each, a bit for each step. One
+    // loop over all of them, as a branch at each step is rarely foreseen.
+    void mark_eight_steps(int64_t trial, int64_t first, uint64_t fired, int64_t begin) const {
+        const int64_t left = ends[trial] - begin;
+        if (left < 8) fired &= left <= 0 ? 0 : (0xffu >> (8 - left)) * 0x0101010101010101u;
+        int32_t* const last_step = last + trial * pitch + first;
+        int32_t* const counts = intervals + (trial * pitch + first) * bins;
+        int64_t n_at_floor = 0;
+        for (; fired; fired &= fired - 1) {
+            const int at = __builtin_ctzll(fired), afferent = at / 8;
+            const int32_t step = int32_t(begin) + at % 8, isi = step - last_step[afferent];
+            if (last_step[afferent] >= 0) {
+                counts[afferent * bins + bin_of[isi]]++;
+                n_at_floor += isi <= floor;
+            }
+            last_step[afferent] = step;
+        }
+        at_floor[trial] += n_at_floor;
     }
 };
 
@@ -270,6 +286,11 @@ void tally_raster(const uint8_t* spikes, int64_t trials, int64_t trial_stride, i
 // Adds the rows (trial, n) of each class to its sum, (labelling, class, n), trial by trial.
 void class_sums(const double* rows, const int64_t* labels, int64_t labellings, int64_t trials, int64_t classes, int64_t n,
                 double* sums);
+
+// Exponential moving average over time of signals (trial, step, taxel): `newest` of a step and `kept` of the average before,
+// which is `before` (trial, taxel) at the first step; null: the first step itself.
+void moving_average(const float* signal, const float* before, float newest, float kept, int64_t trials, int64_t steps,
+                    int64_t taxels, float* smooth);
 
 enum class Baseline : int { none, first, start, running, high_pass };
 

@@ -52,12 +52,26 @@ void pad_rows(const T* from, int rows, int columns, int pitch, T* to) {
     }
 }
 
-// Numbers of the rows that have an event, ascending.
+// Numbers of the rows that have an event, ascending, into memory of `carve_rows`. On AVX-512 without a branch: how many of
+// 64 neurons spike is what a processor cannot foresee.
 NT_INLINE int list_rows(const uint64_t* events, int64_t n_words, uint32_t first, uint32_t* rows, int count) {
+#if defined(__AVX512F__)
+    const __m512i lane = _mm512_setr_epi32(0, 1, 2, 3, 4, 5, 6, 7, 8, 9, 10, 11, 12, 13, 14, 15);
+    for (int64_t k = 0; k < n_words; k++)
+        for (int part = 0; part < 64; part += 16) {
+            const __mmask16 spiking = (__mmask16)(events[k] >> part);
+            const __m512i number = _mm512_add_epi32(lane, _mm512_set1_epi32((int)(first + 64 * k + part)));
+            _mm512_storeu_si512(rows + count, _mm512_maskz_compress_epi32(spiking, number));
+            count += __builtin_popcount(spiking);
+        }
+#else
     for (int64_t k = 0; k < n_words; k++)
         for (uint64_t m = events[k]; m; m &= m - 1) rows[count++] = first + (uint32_t)(64 * k) + lowest(m);
+#endif
     return count;
 }
+// Memory for a list of up to `most` rows, and for the vector that is written behind its end.
+inline uint32_t* carve_rows(int64_t most, Carver& carver) { return carver.take<uint32_t>(most + 16); }
 
 // The spikes of a layer in the steps that it still needs: s[t+1], s[t] and s[t-1].
 struct SpikeHistory {

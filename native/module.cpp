@@ -307,6 +307,14 @@ void add_tallies(nb::module_& m) {
                          at<double>(sums));
           },
           nb::kw_only(), "rows"_a, "labels"_a, "labellings"_a, "trials"_a, "classes"_a, "n"_a, "sums"_a);
+    m.def("moving_average",
+          [](Address signal, Address before, double newest, double kept, int64_t trials, int64_t steps, int64_t taxels,
+             Address smooth) {
+              nb::gil_scoped_release release;
+              moving_average(at<const float>(signal), at<const float>(before), float(newest), float(kept), trials, steps,
+                             taxels, at<float>(smooth));
+          },
+          nb::kw_only(), "signal"_a, "before"_a, "newest"_a, "kept"_a, "trials"_a, "steps"_a, "taxels"_a, "smooth"_a);
     m.def("tally_population",
           [](int64_t trials, int64_t steps, int taxels, Address felt, double gain, double decay, double v_rest,
              double v_reset, double v_threshold, int silent, int threads, NT_TALLY_ARGUMENTS) {

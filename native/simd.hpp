@@ -115,6 +115,12 @@ NT_INLINE typename S::V magnitude(typename S::V v) {
     return (typename S::V)((Bits)v & ~sign);
 }
 
+// Asks for `count` values from `at` on, to read or to write them some steps later; they may lie outside of all memory.
+template <bool ToWrite = false, class T>
+NT_INLINE void fetch(const T* at, int count) {
+    for (int i = 0; i < count; i += 64 / (int)sizeof(T)) __builtin_prefetch(at + i, ToWrite);
+}
+
 // The vectors of a layer, or of a panel of it. Copied vector by vector: GCC copies a structure in halves of a vector,
 // and a load that finds its value in two stores waits for both.
 template <class S, int N>

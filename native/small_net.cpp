@@ -28,6 +28,7 @@ constexpr int kPair = 2;    // trials side by side; an odd one runs beside a sil
 constexpr int kBlock = 8;   // trials whose gradients are summed in one go
 constexpr int kRegisters = kVectorBytes == 64 ? 32 : 16;
 constexpr int kProductVectors = 4;  // of the dense product's sums, in registers at once
+constexpr int kAhead = 4;   // steps between asking for a row of the tape and using it
 constexpr int kRows = 65;   // rows of a word's table: 64 neurons, then a row of zeros for "no more spikes"
 
 // The trials of a pair, unrolled, so that the state of each finds its registers.
@@ -287,6 +288,7 @@ void forward_trials(const Net<T>& net, const Tables<T>& tables, int64_t first, c
             }
             if (out.spikes) out.spikes[s * steps + t] = hidden[s].spikes;
             if (membrane) {
+                fetch<true>(membrane + (s * steps + t + kAhead) * HP, HP);
                 store_all(membrane + (s * steps + t) * HP, hidden[s].membrane);
                 spikes[s * steps + t] = hidden[s].spikes;
                 if (current) store_all(current + (s * steps + t) * HP, hidden[s].current);
@@ -562,6 +564,7 @@ void backward_trials(const Net<T>& net, const Tables<T>& tables, const Tape<T>& 
         NT_EACH_TRIAL(s) {
             if (reads_out && t >= lag) readout_back(s, t - lag);
             const int64_t at = (s * steps + t) * HP;
+            fetch(membrane + at - kAhead * HP, HP);
             const Vectors<SH, NH> before = t ? load_all<SH, NH>(membrane + at - HP) : Vectors<SH, NH>{};
             if constexpr (Adapts)
                 complete[s] = adapting_layer_back(neuron, net.adaptation, adaptation_adjoint[s], constants, hidden[s],
@@ -698,7 +701,7 @@ bool small_infer(const Net<T>& net, const Layout& of_net, const Decisions& to) {
     const auto cut = [&](Carver& carver) {
         uint64_t* inputs = carver.take<uint64_t>(kPair * trial_words);
         uint64_t* spikes = carver.take<uint64_t>(kPair * n.steps);
-        return std::make_tuple(inputs, spikes, carver.take<uint32_t>(n.inputs + n.hidden));
+        return std::make_tuple(inputs, spikes, carve_rows(n.inputs + n.hidden, carver));
     };
     cut(of_thread);
     IntegratingReadout<T>(net, none, of_thread);

@@ -10,6 +10,7 @@ namespace neurotact::NT_ISA {
 namespace {
 
 constexpr int kBlock = 16;                          // trials side by side, backward
+constexpr int kAhead = 4;                           // steps, forward, between asking for a row of the tape and writing it
 constexpr int kChunk = 16;                          // steps between two gatherings of weight gradients
 constexpr int kTileRows = kVectorBytes == 64 ? 8 : 4;
 constexpr int kTileVectors = kVectorBytes == 64 ? 3 : 2;
@@ -75,8 +76,8 @@ struct TrialState {
     TrialState(const Sizes& n, const Layout& layout, bool adapts, Carver& carver)
         : hidden(n.hidden, layout.hidden_pitch, carver), readout(n.classes, layout.readout_pitch, carver),
           spikes(n.hidden, carver), inputs(carver.take<uint64_t>(words(n.inputs))),
-          decided(carver.take<uint64_t>(words(n.classes) + 1)), rows(carver.take<uint32_t>(n.inputs + n.hidden)),
-          sent(carver.take<uint32_t>(n.hidden)), adaptation(adapts ? carver.take<T>(layout.hidden_pitch) : nullptr) {}
+          decided(carver.take<uint64_t>(words(n.classes) + 1)), rows(carve_rows(n.inputs + n.hidden, carver)),
+          sent(carve_rows(n.hidden, carver)), adaptation(adapts ? carver.take<T>(layout.hidden_pitch) : nullptr) {}
     void clear() {
         hidden.clear();
         readout.clear();
@@ -124,6 +125,8 @@ bool forward_trial(const Net<T>& net, const ForwardTables<T>& tables, TrialState
         const int n_rows = !net.w_rec ? n_in
                                       : list_rows(s.spikes.recurrent(neuron.recurrent_delay), hid_words, n.inputs,
                                                   s.rows, n_in);
+        if (membrane) fetch<true>(membrane + (t + kAhead) * s.hidden.pitch, s.hidden.pitch);
+        if (readout_membrane) fetch<true>(readout_membrane + (t + kAhead) * s.readout.pitch, s.readout.pitch);
         if constexpr (Adapts)
             advance_layer<T>(neuron, tables.hidden, {tables.table, s.rows, n_rows, 0},
                              s.adapting_at(t, membrane, current, row_of(tape ? tape->raised : nullptr, s.hidden.pitch)),
@@ -250,12 +253,9 @@ struct EventLists {
         counts = carver.take<uint32_t>(n);
     }
     void clear() { std::memset(counts, 0, neurons * sizeof(uint32_t)); }
-    NT_INLINE void add(const uint64_t* events, int slot) {
-        for (int64_t k = 0; k < words(neurons); k++)
-            for (uint64_t m = events[k]; m; m &= m - 1) {
-                const int64_t neuron = 64 * k + lowest(m);
-                slots[neuron * kChunk * kBlock + counts[neuron]++] = (uint16_t)slot;
-            }
+    NT_INLINE void add(const uint32_t* rows, int n_rows, int slot) {
+        for (int e = 0; e < n_rows; e++)
+            slots[(int64_t)rows[e] * kChunk * kBlock + counts[rows[e]]++] = (uint16_t)slot;
     }
 };
 
@@ -272,13 +272,13 @@ NT_INLINE void gather_panel(const uint16_t* slots, int count, const T* history, 
     for (int q = 0; q < N; q++) store(sum_at + q * L, sum[q]);
 }
 
-// sums[j] += dL/dI of every slot at which neuron j had spiked
+// sums[j] += dL/dI of every slot at which neuron j, counted from `first` on, had spiked
 template <class T>
-void gather(const EventLists& events, const T* history, int pitch, T* sums) {
-    for (int j = 0; j < events.neurons; j++) {
-        const int count = (int)events.counts[j];
+void gather(const EventLists& events, int first, const T* history, int pitch, T* sums) {
+    for (int j = 0; first + j < events.neurons; j++) {
+        const int count = (int)events.counts[first + j];
         if (count == 0) continue;
-        const uint16_t* slots = events.slots + (int64_t)j * kChunk * kBlock;
+        const uint16_t* slots = events.slots + (int64_t)(first + j) * kChunk * kBlock;
         T* sum = sums + (int64_t)j * pitch;
         each_panel<T>(pitch, [&](int at, auto N) __attribute__((always_inline)) {
             gather_panel<T, N.value>(slots, count, history + at, pitch, sum + at);
@@ -304,12 +304,12 @@ struct BackwardTables {
 // Sums over a group of trials; groups are added in their order, whatever thread did them.
 template <class T>
 struct Sums {
-    T *w_in, *w_rec, *w_out;
+    T *w_in, *w_rec, *w_out;                // w_rec lies behind w_in
     T *hidden_dynamics, *readout_dynamics;  // alpha, beta, threshold rows
     Sums(const Net<T>& net, const Layout& layout, Carver& carver) {
         const Sizes& n = net.sizes;
-        w_in = carver.take<T>((int64_t)n.inputs * layout.hidden_pitch);
-        w_rec = carver.take<T>(net.w_rec ? (int64_t)n.hidden * layout.hidden_pitch : 0);
+        w_in = carver.take<T>((int64_t)(n.inputs + (net.w_rec ? n.hidden : 0)) * layout.hidden_pitch);
+        w_rec = w_in + (int64_t)n.inputs * layout.hidden_pitch;
         w_out = carver.take<T>((int64_t)n.hidden * layout.readout_pitch);
         hidden_dynamics = carver.take<T>(3 * layout.hidden_pitch);
         readout_dynamics = carver.take<T>(3 * layout.readout_pitch);
@@ -327,7 +327,8 @@ struct BlockState {
     T* unheard;                                       // dL/ds of a readout spike that comes too late
     T* input_gradient;
     uint64_t* silent;                                 // the spikes before the first step
-    EventLists inputs, recurrent, sent;
+    uint32_t* rows;
+    EventLists arriving, sent;                        // arriving: inputs, then what comes back to the layer
 
     BlockState(const Net<T>& net, const Layout& layout, Carver& carver)
         : current(carver.take<T>(kBlock * layout.hidden_pitch)),
@@ -343,8 +344,8 @@ struct BlockState {
           unheard(carver.take<T>(layout.readout_pitch)),
           input_gradient(carver.take<T>(kBlock * round_up(net.sizes.inputs, 16))),
           silent(carver.take<uint64_t>(words(net.sizes.hidden))),
-          inputs(net.sizes.inputs, carver),
-          recurrent(net.w_rec ? net.sizes.hidden : 0, carver),
+          rows(carve_rows(net.sizes.inputs + net.sizes.hidden, carver)),
+          arriving(net.sizes.inputs + (net.w_rec ? net.sizes.hidden : 0), carver),
           sent(net.sizes.classes ? net.sizes.hidden : 0, carver) {}
 };
 
@@ -476,7 +477,7 @@ private:
         // s[T] is sent only where step T-1 emits it.
         if (net.neuron.emits_at_once()) start_spike_gradient(n.steps - 1);
         else clear(s.emitted, (int64_t)trials * pitch);
-        s.inputs.clear(), s.recurrent.clear(), s.sent.clear();
+        s.arriving.clear(), s.sent.clear();
     }
     // dL/ds through what the layer sends out at this step: its share of the counts
     void start_spike_gradient(int64_t step) {
@@ -518,6 +519,7 @@ private:
         const bool heard = net.neuron.emits_at_once() || t + 1 < n.steps;
         for (int m = 0; m < trials; m++) {
             const int64_t row = ((first_trial + m) * n.steps + t) * readout_pitch, at = (int64_t)m * readout_pitch;
+            fetch(tape.readout_membrane + row - 2 * readout_pitch, readout_pitch);
             layer_back(net.neuron, tables.readout,
                        {tape.readout_membrane + row, tape.readout_current ? tape.readout_current + row : nullptr,
                         heard ? s.class_gradient + at : s.unheard, s.readout_current + at, s.readout_membrane + at,
@@ -531,15 +533,21 @@ private:
     void hidden_back(int64_t t, T* history) {
         for (int m = 0; m < trials; m++) {
             const int64_t trial = first_trial + m, row = trial * n.steps + t, at = (int64_t)m * pitch;
+            fetch(tape.membrane + (row - 2) * pitch, pitch);  // for step t-1, a block of trials later
             layer_back(net.neuron, tables.hidden,
                        {tape.membrane + row * pitch, tape.current ? tape.current + row * pitch : nullptr, s.emitted + at,
                         s.current + at, s.membrane + at, history + at, s.adaptation ? s.adaptation + at : nullptr,
                         tape.raised ? tape.raised + row * pitch : nullptr},
                        t == 0, grad.dynamics ? sums.hidden_dynamics : nullptr);
             const int slot = filled * kBlock + m;
-            s.inputs.add(tape.inputs + row * in_words, slot);
-            if (net.w_rec) s.recurrent.add(spikes_of(trial, t - net.neuron.recurrent_delay), slot);
-            if (n.classes && !one_list) s.sent.add(spikes_of(trial, t + net.neuron.emits_at_once()), slot);
+            const auto list = [&](const uint64_t* spikes, int first, int count) __attribute__((always_inline)) {
+                return list_rows(spikes, hid_words, first, s.rows, count);
+            };
+            int n_rows = list_rows(tape.inputs + row * in_words, in_words, 0, s.rows, 0);
+            if (net.w_rec) n_rows = list(spikes_of(trial, t - net.neuron.recurrent_delay), n.inputs, n_rows);
+            s.arriving.add(s.rows, n_rows, slot);
+            if (n.classes && !one_list)
+                s.sent.add(s.rows, list(spikes_of(trial, t + net.neuron.emits_at_once()), 0, 0), slot);
         }
     }
     void write_input_gradient(int64_t t, const T* history) {
@@ -550,10 +558,10 @@ private:
                         s.input_gradient + (int64_t)m * tables.in.pitch, n.inputs * sizeof(T));
     }
     void gather_weights() {
-        gather(s.inputs, s.history, pitch, sums.w_in);
-        if (net.w_rec) gather(s.recurrent, s.history, pitch, sums.w_rec);
-        if (n.classes) gather(one_list ? s.recurrent : s.sent, s.readout_history, readout_pitch, sums.w_out);
-        s.inputs.clear(), s.recurrent.clear(), s.sent.clear();
+        gather(s.arriving, 0, s.history, pitch, sums.w_in);
+        if (n.classes)
+            gather(one_list ? s.arriving : s.sent, one_list ? n.inputs : 0, s.readout_history, readout_pitch, sums.w_out);
+        s.arriving.clear(), s.sent.clear();
         filled = 0;
     }
 };

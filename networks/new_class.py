@@ -121,6 +121,16 @@ def refitted(network: rsnn.RSNN, training: Examples, validation: Examples) -> Re
     return max(every, key=lambda one: float(((held @ one.weights).argmax(axis=1) == truth).mean()))
 
 
+def teachable(restored: run_folder.Restored) -> tuple[tasks.Sides, Readout]:
+    """The windows of a run's training and the readout that is refitted to them, from which new classes are learned.
+
+    InputError for a network whose readout is no sum, and for one whose training had touches that are not there.
+    """
+    network = _sum_of(restored.of_classes("learning a class"))
+    sides = tasks.sides_of(run_folder.trained_spikes_of(restored), restored.task)
+    return sides, refitted(network, sides.train, sides.validation)
+
+
 def learn(
     run: str | Path,
     touched: str | Path,
@@ -152,15 +162,13 @@ def learn(
     resumable.check_apart(folder, source, "learn")
     with files.locked(folder):
         resumable.check_place(folder, force=force)
-        restored = run_folder.restore(source, spikes=spikes).of_classes("learning a class")
+        restored = run_folder.restore(source, spikes=spikes)
+        sides, begun = teachable(restored)
         network = _sum_of(restored)
         felt = _felt(restored, hdf5.load_spikes(touched), str(touched))
         classes = sorted(set(felt.classes) - set(restored.classes))
         n_known = int(felt.conditions["label"].isin(restored.classes).sum())
         taught = {name: _spaced(np.flatnonzero(felt.conditions["label"] == name), touches) for name in classes}
-        trains = run_folder.trained_spikes_of(restored)
-        sides = tasks.sides_of(trains, restored.task)
-        begun = refitted(network, sides.train, sides.validation)
         readout = begun
         for label, name in enumerate(classes, start=len(restored.classes)):
             examples, _ = tasks.examples_of(felt, taught[name], restored.task, restored.task.training_window)
@@ -202,7 +210,7 @@ def _felt(restored: run_folder.Restored, trains: SpikeTrains, source: str) -> Sp
     """The new touches, which must come from the same encoder and have a class that the network does not know."""
     if not set(trains.classes) - set(restored.classes):
         raise InputError(f"{source}: has no class that the network does not know ({', '.join(restored.classes)})")
-    inference.check_same_input(restored, trains, allow_other=False)
+    inference.check_same_input(restored, trains)
     return trains
 
 
@@ -245,9 +253,8 @@ def _extra(
         extra.pop(key, None)
     nothing = np.array([], np.int64)
     new = provenance.provenance_of(taught, splits.Split(np.arange(len(taught)), nothing, nothing))
-    seen, also = extra["trials"]["training"], new.model_dump(mode="json")["trials"]["training"]
-    both = {kind: [*seen[kind], *also[kind]] if seen[kind] else [] for kind in seen}
-    extra["trials"] = {**extra["trials"], "training": both}
+    known = new if restored.provenance is None else restored.provenance.with_training(new)
+    extra["trials"] = known.model_dump(mode="json")["trials"]
     if restored.ranges is not None:
         states = ranges.record_states(network, training.spikes)
         extra["ranges"] = restored.ranges._replace(hidden=states[0], readout=states[1])._asdict()

@@ -84,6 +84,7 @@ NEEDS = (
     # fine_tune, export
     _Need("seed", "epochs", lambda epochs: epochs != 0, "with `epochs=0`, which only rounds"),
     _Need("weight_bits state_bits lsb", "variant", _is_in(None, "integer"), "with `variant='float'`"),
+    _Need("new_classes", "variant", _is_in("float"), "without `variant='float'`", OR_GIVE),
     _Need("quiet_ms", "contact", bool, "without `contact=True`: windows then start one after the other", OR_GIVE),
     _Need("hop_ms", "contact", _is_absent, "with `contact=True`: each window then starts at a contact"),
     _Need("recordings spikes", "ranges", bool, "where no recordings are read: only integers and `prove` need them"),

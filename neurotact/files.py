@@ -412,6 +412,10 @@ def existing(path: str | Path, what: str = "file") -> Path:
         return path
     if "file" in what and os.path.exists(path) and not os.path.isdir(path):
         raise InputError(f"{path}: is not a regular file (a pipe, a socket or a device); give a file on disk")
+    if os.path.isdir(path):
+        raise InputError(f"{path}: is a folder; name a file")
+    if os.path.exists(path):
+        raise InputError(f"{path}: is a file; name a folder")
     raise InputError(f"{path}: there is no such {what}; check the path")
 
 

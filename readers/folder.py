@@ -14,6 +14,7 @@ from neurotact_parts.readers.arrays import ArrayFile, opened_arrays, said_rates,
 from neurotact_parts.readers.clock.trials import OF_COLUMNS, Read, mended, recordings_of
 from neurotact_parts.readers.doubts import Fixes, kinds_of_names
 from neurotact_parts.readers.events.signed_matrix import SIGNED_MATRIX, holds_events
+from neurotact_parts.readers.file_names import labelled, unnamed
 
 from neurotact.data.readers.clock.units import Unit, apart, joined, pair_in, unit_in
 from neurotact.data.readers.columns import LayoutSpec, Samples, called, is_text, read_table, samples_of
@@ -51,6 +52,11 @@ def conditions_of(files: Sequence[str], naming: NamingSpec, folder: Path) -> pd.
     """
     table = _read_table(naming.table, files) if naming.table is not None else {file: {} for file in files}
     levels = (LABEL,) if naming.is_label_by_folder else naming.levels
+    if naming.pattern is None and naming.table is None and (parts := unnamed(files, levels)):
+        log.warning(
+            "%s: parts of file names are not read as conditions, such as %s of %s; name them with `pattern`, as in "
+            "`pattern=%r`", folder, " and ".join(parts.example), files[0], parts.pattern,
+        )  # fmt: skip
     rows = []
     for file in files:
         parts = [*_of_path(file, levels, naming.pattern, folder), table[file]]
@@ -227,10 +233,16 @@ def _every(faults: Mapping[str, InputError], folder: Path) -> InputError:
     first, *others = faults.items()
     if not others:
         return first[1]
-    said = [f"{file} ({str(fault).removeprefix(f'{folder / file}: ').partition(';')[0]})" for file, fault in others]
+
+    def short(file: str) -> str:
+        return str(faults[file]).removeprefix(f"{folder / file}: ").partition(";")[0]
+
     n_others = f"{len(others)} other files have" if len(others) > 1 else "another file has"
     at_least = "at least " if len(faults) == MOST_FAULTS else ""
-    return InputError(f"{first[1]}; {at_least}{n_others} faults: {', '.join(said)}")
+    if len({*map(short, faults)}) == 1:
+        return InputError(f"{first[1]}; {at_least}{n_others} the same fault")
+    said = ", ".join(f"{file} ({short(file)})" for file, _ in others)
+    return InputError(f"{first[1]}; {at_least}{n_others} faults: {said}")
 
 
 def _with_constants(conditions: pd.DataFrame, read: Sequence[Read], folder: Path) -> pd.DataFrame:
@@ -445,9 +457,10 @@ def _check_label_folders(folder: Path, files: Sequence[Path], ignored: Sequence[
     labels = {entry.name for entry in folder.iterdir() if entry.is_dir() and not is_hidden(entry.name)}
     if not labels:
         lacks = "" if pattern is None else f", and `pattern={pattern!r}` no {{label}}"
+        own = labelled([path.as_posix() for path in files]) or "{label}_{number}.csv"
         raise InputError(
             f"{folder}: holds no sub-folder{lacks}; put the files of each class in a sub-folder named by its label, or "
-            "give the label with `pattern='{label}_{number}.csv'` or the like, or `conditions`"
+            f"give the label with `pattern={own!r}` or the like, or `conditions`"
         )
     for inside in files:
         if len(inside.parts) == 1:

@@ -91,15 +91,23 @@ class Heard(NamedTuple):
     marked: list[tuple[int, float, float]]
 
 
-@torch.no_grad()
 def values_of(network: Network, trains: SpikeTrains, trial: int) -> np.ndarray:
     """The value of each label after each whole step of the network, through a trial without reset, `(step, label)`."""
-    n_steps = int(trains.trial_steps[trial]) // network.steps_per_bin * network.steps_per_bin
-    whole = trains.raster(Windows(np.array([trial]), np.zeros(1, np.int64), n_steps))
-    gained = network.simulate(torch.from_numpy(whole).to(network.device)).readout[0].cpu()
+    whole = trains.raster(Windows(np.array([trial]), np.zeros(1, np.int64), int(trains.trial_steps[trial])))
+    return run_on(network, whole[0])[1]
+
+
+@torch.no_grad()
+def run_on(network: Network, raster: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Hidden spikes `(step, hidden)` and values `(step, label)` at each whole step of the network, without reset.
+
+    raster: spikes of afferents on the encoder's clock, `(step, afferent)`.
+    """
+    whole = raster[: len(raster) // network.steps_per_bin * network.steps_per_bin]
+    hidden, gained = network.simulate(torch.from_numpy(whole)[None].to(network.device))
     integration = network.integration
     assert integration is not None
-    return torch.stack([*integration.cpu().over(gained)]).numpy()
+    return hidden[0].cpu().numpy(), torch.stack([*integration.cpu().over(gained[0].cpu())]).numpy()
 
 
 def heard(network: Network, trains: SpikeTrains, trials: Iterable[int], names: Sequence[str]) -> list[Heard]:

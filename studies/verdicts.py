@@ -19,6 +19,7 @@ from scipy.stats import t
 
 from neurotact.data.recordings import select_conditions
 from neurotact.errors import InputError, nearest
+from neurotact.metrics.paired import p_in_words
 from neurotact.studies.claims import CONTRASTS, LEVELS, Claim
 
 ALPHA = 0.05
@@ -75,7 +76,7 @@ class Verdict(NamedTuple):
             words += f" of {self.claim.fitted}"
         if self.p is None or self.state not in (State.REPRODUCED, State.CHANCE):
             return words
-        return f"{words}, {'p < 0.001' if self.p < 0.001 else f'p = {self.p:.1g}'}"
+        return f"{words}, {p_in_words(self.p)}"
 
     @property
     def why(self) -> str:

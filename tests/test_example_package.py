@@ -1,14 +1,16 @@
 """The package that docs/plugins.md shows: installed apart from neurotact, each of its parts is used by its name."""
 
+import runpy
 import shutil
+import sys
 import tomllib
 from pathlib import Path
 
-import numpy as np
 import pandas as pd
 import pytest
 from in_process import studies_here, typed, without_pictures
 from test_plugins import forget
+from walked import walk
 
 import neurotact as nt
 from neurotact import plugins
@@ -47,13 +49,11 @@ def _installed(tmp_path_factory):
 
 @pytest.fixture(scope="module")
 def touches(tmp_path_factory):
-    """The folder of the README: 24 touches of three classes, vibrations of other frequencies."""
+    """The folder of the README."""
     folder = tmp_path_factory.mktemp("touches")
-    rng, time_s = np.random.default_rng(0), np.arange(150)[:, None] / 500
-    for number in range(24):
-        name, frequency_Hz = (("felt", 8), ("mesh", 20), ("silk", 45))[number % 3]
-        wave = 5 * np.sin(2 * np.pi * frequency_Hz * time_s + rng.uniform(0, 6, 2))
-        np.save(folder / f"{name}_{number}.npy", wave)
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(sys, "argv", ["record.py", str(folder)])
+        runpy.run_path(str(PACKAGE / "record.py"))
     return folder
 
 
@@ -100,13 +100,11 @@ def test_the_list_of_specs_has_those_of_the_package():
         assert [line.split() for line in said if name in line.split()] == [[name, "Of", "the", "package", "my-skin."]]
 
 
-def test_the_commands_of_the_readme_work(touches, recorded, spikes, tmp_path):
-    assert nt.load(recorded).conditions["label"].tolist().count("felt") == 8
-    run = tmp_path / "run"
-    said = _done("train", spikes, "--network", "two-layers", *SHORT, "-o", run)
-    assert "accuracy" in said
-    assert "test windows" in _done("infer", run, spikes)
-    assert "my-chip" in _done("sops", run, "--prices", "my-chip", "-o", tmp_path / "sops.csv")
+def test_the_commands_of_the_readme_work(tmp_path):
+    shorter = {"train": "--set training.epochs=2", "study": "--set network.training.epochs=2"}
+    told = walk(PACKAGE / "README.md", tmp_path, shorter)
+    assert nt.load(tmp_path / "touches.h5").conditions["label"].tolist().count("felt") == 20
+    assert ["my-chip" in said for line, said in told.items() if "sops" in line] == [True]
     with pytest.raises(InputError, match=r"holds no <class>_<number>\.npy file"):
         nt.read("my-skin", tmp_path)
 

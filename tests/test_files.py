@@ -155,8 +155,14 @@ def test_damaged_json_is_named(tmp_path, content):
 
 def test_what_is_not_there_is_named(tmp_path):
     (tmp_path / "file").write_text("")
-    for path, what in ((tmp_path / "x", "file"), (tmp_path, "file"), (tmp_path / "file", "folder")):
-        with pytest.raises(InputError, match=f"{path.name}: there is no such {what}"):
+    kinds = (
+        (tmp_path / "x", "file", "there is no such file"),
+        (tmp_path / "x", "file or folder", "there is no such file or folder"),
+        (tmp_path, "file", "is a folder; name a file"),
+        (tmp_path / "file", "folder", "is a file; name a folder"),
+    )
+    for path, what, said in kinds:
+        with pytest.raises(InputError, match=f"{path.name}: {said}"):
             existing(path, what)
 
 

@@ -114,6 +114,7 @@ OF_C = {
     "--state-bits": "--state-bits 16",
     "--lsb": "--lsb 0.01",
     "--name": "--name touch",
+    "--new-classes": "--new-classes 1",
     "--sampling-rate-Hz": "--sampling-rate-Hz 1000",
     "--window-ms": "--window-ms 50",
     "--start-ms": "--start-ms 80",
@@ -586,7 +587,7 @@ WAYS = {
     "export": [
         Way(
             "export in/run --to c -o a",
-            {key: words for key, words in OF_C.items() if key not in EXITS}
+            {key: words for key, words in OF_C.items() if key not in EXITS and key != "--new-classes"}
             | {
                 "-o": "-o b",
                 "--to": "--to nir -o b",
@@ -604,8 +605,9 @@ WAYS = {
                 "--recordings": "! --recordings in/slow.h5",
                 "--spikes": "! --spikes in/slow-spikes.h5",
             },
-            OF_NIR | {"--quiet-ms": "--quiet-ms 50", "--hop-ms": "--hop-ms 50 --contact"},
-            EXITS | {"--prove": "tests/export/test_c_export.py"},
+            OF_NIR
+            | {"--quiet-ms": "--quiet-ms 50", "--hop-ms": "--hop-ms 50 --contact", "--new-classes": "--new-classes 1"},
+            EXITS | {"--prove": "tests/export/test_c_export.py", "--new-classes": "tests/export/test_learning_in_c.py"},
         ),
         Way(
             "export in/run --to c --variant float -o a",
@@ -1069,6 +1071,7 @@ NO_EFFECT = {
     ],
     "export_c": [
         {"variant": "float", "weight_bits": 8},
+        {"new_classes": 1},
         {"variant": "float", "recordings": "in/touch.h5"},
         {"streamed": nt.Streamed(quiet_ms=50.0)},
         {"streamed": nt.Streamed(hop_ms=50.0, contact=True)},

@@ -18,7 +18,7 @@ version = release = neurotact.__version__
 
 extensions = [
     "myst_parser", "sphinx.ext.autodoc", "sphinx_gallery.gen_gallery", "sphinx_copybutton",
-    "docstrings", "mathml", "local", "written", "reachable",
+    "docstrings", "mathml", "local", "written", "reachable", "notebooks",
 ]  # fmt: skip
 root_doc = "index"
 exclude_patterns = ["site", "examples", "sg_execution_times.rst", "**/sg_execution_times.rst"]

@@ -60,15 +60,29 @@ def write(
     *,
     name: str = "touch",
     parts: Sequence[tuple[str, str]] = EXPORTED,
+    taught: Mapping[str, Any] | None = None,
 ) -> list[Path]:
     """Write `NAME.h`, `NAME.c`, `example.c` and `README.md` into a folder, and return their paths.
 
     formats: of the integer variant; None: the float variant.
     name: prefix of every name in C. parts: pairs of a template and its file.
+    taught: of a chain that learns, `learning.Teachable.context`.
     Raises InputError for what C cannot represent.
     """
     paths(folder, name)
-    return rendered(context_of(chain, formats, name), folder, name, parts)
+    return rendered(with_learning(context_of(chain, formats, name), taught), folder, name, parts)
+
+
+def with_learning(context: dict[str, Any], taught: Mapping[str, Any] | None) -> dict[str, Any]:
+    """The variables of the templates, where the readout is state if it learns and else a table."""
+    if taught is None:
+        return {**context, "learns": False}
+    names = [text(f"new class {number + 1}") for number in range(taught["n_new"])]
+    tables = [table for table in context["tables"] if table.name not in ("w_out", "bias")]
+    return {
+        **context, **taught, "learns": True, "class_names": [*context["class_names"], *names],
+        "tables": [*tables, *taught["taught_tables"]], "class_type": unsigned(taught["n_classes"]),
+    }  # fmt: skip
 
 
 def rendered(context: dict[str, Any], folder: Path, name: str, parts: Sequence[tuple[str, str]]) -> list[Path]:
@@ -94,11 +108,12 @@ def context_of(chain: Chain, formats: Formats | None, name: str) -> dict[str, An
     columns, used = chain.of_used()
     spec, conditioning = network.spec, encoder.conditioning
     n_taxels, integrator = chain.n_taxels, network.bias is not None
-    if max(plan.length, plan.start, plan.hop, plan.quiet) > MOST_STEPS:
+    detector, length = chain.detector, plan.length if chain.detector is None else 0  # counts of a detector go on at 0
+    if max(length, plan.start, plan.quiet) > MOST_STEPS or (plan.hop > MOST_STEPS and detector is None):
         raise InputError("windows: are longer than 2^31 - 1 steps; shorten them")
-    if plan.length * max(network.n_inputs, spec.hidden) > MOST_COUNT:
+    if length * max(network.n_inputs, spec.hidden) > MOST_COUNT:
         raise InputError("windows: their spikes may exceed a counter of 32 bits; shorten them")
-    if plan.length * sum(network.synapses.values()) > MOST_COUNT:
+    if length * sum(network.synapses.values()) > MOST_COUNT:
         raise InputError("windows: their synaptic operations may exceed a counter of 32 bits; shorten them")
     matrices = matrices_of(network, 4 if formats is None else 1)
     n_start = whole.conditioner_of(chain).n_start
@@ -115,7 +130,8 @@ def context_of(chain: Chain, formats: Formats | None, name: str) -> dict[str, An
         "n_taxels": n_taxels, "n_afferents": network.n_inputs,
         "n_hidden": spec.hidden, "n_classes": network.n_classes,
         "class_names": [text(name) for name in (*chain.classes, *([REFUSED] if chain.rule.least_lead else []))],
-        "length": plan.length, "start": plan.start, "hop": plan.hop, "quiet": plan.quiet, "at_once": plan.at_once,
+        "length": length, "start": plan.start, "hop": plan.hop if detector is None else 0, "quiet": plan.quiet,
+        "at_once": plan.at_once, "detector": detector, "least": float(detector.threshold).hex() if detector else None,
         "most_decisions": plan.at_once * per_sample,
         "hold": max(1, int(HOLD_MS * 1e-3 * chain.sampling_rate_Hz)), "hold_ms": f"{HOLD_MS:g}",
         "afferent_type": unsigned(network.n_inputs), "neuron_type": unsigned(spec.hidden),
@@ -128,7 +144,7 @@ def context_of(chain: Chain, formats: Formats | None, name: str) -> dict[str, An
         "bin": network.steps_per_bin,
         "stretches": 1 if network.stretches is None else network.stretches.number,
         "stretch_steps": 1 if network.stretches is None else network.stretches.steps,
-        "weight": "float" if formats is None else "int8_t",
+        "weight": "float" if formats is None else "int8_t", "felt_type": _count(chain),
         "patience": chain.rule.in_bins(network.steps_per_bin).patience, "from_first_spike": chain.rule.from_first_spike,
         "resampled": chain.sampling_rate_Hz != chain.signal_Hz, "finishes": chain.sampling_rate_Hz != chain.clock_Hz,
         "exact": is_exact(encoder), "rows": int(np.ceil(chain.clock_Hz / chain.signal_Hz)) + 1,
@@ -174,11 +190,12 @@ def paths(folder: Path, name: str) -> list[Path]:
 def title_of(chain: Chain, formats: Formats | None) -> str:
     """One line about an export."""
     spec = chain.network.spec
+    end = "decision" if chain.detector is None else "events in time"
     kind = "float" if formats is None else f"{formats.weight_bits}-bit weights, {formats.state_bits}-bit states"
     sizes = f"{chain.network.n_inputs}-{spec.hidden}-{chain.network.n_classes}"
     if chain.takes_events:
-        return f"A chain from events to decision: {sizes} neurons, {kind}."
-    return f"A chain from touch to decision: {chain.n_taxels} taxels, {sizes} neurons, {kind}."
+        return f"A chain from events to {end}: {sizes} neurons, {kind}."
+    return f"A chain from touch to {end}: {chain.n_taxels} taxels, {sizes} neurons, {kind}."
 
 
 def _in_float(chain: Chain, kept: Mapping[str, Matrix]) -> dict[str, Any]:

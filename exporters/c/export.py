@@ -16,10 +16,10 @@ from neurotact.spec import takes_specs
 
 with lazily():
     from neurotact_parts.exporters import trials as test_trials
-    from neurotact_parts.exporters.c import c_export, fine_tuning, formats, proving
+    from neurotact_parts.exporters.c import c_export, fine_tuning, formats, learning, proving
     from neurotact_parts.streams import chain as chains
 
-    from neurotact.networks.definition import executors
+    from neurotact.networks.definition import executors, rsnn
     from neurotact.networks.training import ranges as state_ranges
     from neurotact.networks.training import run_folder
     from neurotact.networks.use import fitted
@@ -51,6 +51,7 @@ def export_c(
     spikes: str | Path | None = None,
     name: str = "touch",
     streamed: StreamedSpec = StreamedSpec(),
+    new_classes: int | None = None,
     prove: int = 0,
     force: bool = False,
     tell: Tell = untold,
@@ -68,6 +69,7 @@ def export_c(
     numbers that fit, else from the recorded range.
     name: prefix of every name in C.
     streamed: the rate, the windows and their decisions, as for `Stream`.
+    new_classes: how many classes the device can learn from a few touches, as `nt.learn` does; in float32 alone.
     prove: compile the export, run it here and in QEMU, and compare this many test trials spike by spike.
     force: replace files. tell: called with what the command prints.
     Returns the chain and its formats. Raises InputError for files that exist, and for a chain that cannot run in C.
@@ -78,8 +80,8 @@ def export_c(
     """
     effects.check(
         takes_events=fitted.restore(run).encoder == {}, **streamed.given(),
-        variant=variant, weight_bits=weight_bits, state_bits=state_bits, lsb=lsb,
-        ranges=variant == "integer" or prove, recordings=recordings, spikes=spikes,
+        variant=variant, weight_bits=weight_bits, state_bits=state_bits, lsb=lsb, new_classes=new_classes,
+        ranges=variant == "integer" or prove or new_classes, recordings=recordings, spikes=spikes,
     )  # fmt: skip
     if variant not in ("integer", "float"):
         raise InputError(f"variant: '{variant}' is unknown; choose integer or float")
@@ -89,10 +91,16 @@ def export_c(
         run, integer=variant == "integer", recordings=recordings, spikes=spikes, weight_bits=weight_bits,
         state_bits=state_bits, lsb=lsb, streamed=streamed,
     )  # fmt: skip
-    c_export.write(made.chain, Path(folder), made.formats, name=name)
+    taught = None
+    if new_classes is not None:
+        able = learning.teachable(fitted.restore(run, spikes=spikes), made.chain, new_classes)
+        made, taught = Exported(able.chain, None), able.context()
+    c_export.write(made.chain, Path(folder), made.formats, name=name, taught=taught)
     tell(f"{folder}: {c_export.title_of(made.chain, made.formats)}")
+    if new_classes is not None:
+        tell(learning.warn(able))
     if prove:
-        tell(proving.prove(run, made.chain, made.formats, prove, recordings, spikes, say=log.warning))
+        tell(proving.prove(run, made.chain, made.formats, prove, recordings, spikes, say=log.warning, taught=taught))
     return made
 
 
@@ -115,8 +123,9 @@ def prepared(
     steps of its fine-tuning, others 8 bits.
     """
     restored = fitted.restore(run, spikes=spikes)
-    if restored.detector is not None:
-        raise executors.refusal("c-integer" if integer else "c-float", executors.IN_TIME)
+    executor = "c-integer" if integer else "c-float"
+    subject = executors.Subject(None, rsnn.rsnn_of(executor, restored.network), detects=restored.detector is not None)
+    executors.require(executor, subject)  # the rest where it is written
     if not integer:
         return Exported(chains.chain_of(restored, streamed), None)
     is_known = restored.ranges is not None or restored.encoder != {}  # of events, spikes alone give the ranges
@@ -162,5 +171,6 @@ EXPORTER = Exporter(
         "state_bits": "bits of a state in the integer variant: 8 to 16, or 24; chosen when absent.",
         "lsb": "signal per digit of a 16-bit sample. When absent: 1 for whole numbers, else from the recorded range.",
         "name": "prefix of all names in C.",
+        "new_classes": "how many classes the device can learn from a few touches, in float.",
     },
 )

@@ -253,6 +253,7 @@ def choose(
     bits, so that the sensor's counts are samples; else the recorded range fills 16 bits. Samples are counted from 0
     where that fits.
     """
+    require("c-integer", chain.subject)
     largest, n_steps = (ranges.hidden, ranges.readout), chain.windows.length
     hidden, readout = layers_of(
         chain.network, largest, weight_bits=weight_bits, state_bits=state_bits, n_steps=n_steps, steps=steps,
@@ -324,7 +325,6 @@ def _is_fine(chain: Chain, raw: Raw) -> bool:
 
 
 def _front_end(chain: Chain, raw: Raw) -> FrontEnd:
-    require("c-integer", chain.subject)
     columns, chain = chain.of_used()
     encoder, conditioning, conditioner = chain.lif, chain.encoder.conditioning, conditioner_of(chain)
     fine = 2.0**FRACTION / raw.lsb

@@ -32,11 +32,13 @@ class Spoken(NamedTuple):
     afferents: numbers of the afferents that spiked, one tuple per step. hidden: the same for the hidden neurons of each
     window. decisions: window, start step, steps, input spikes, hidden spikes, of a pruned network synaptic operations,
     whether the readout changed, and label, in the order of windows; where numbers are told, then their values.
+    runs_on: of a detector, whose decisions are changes of the label in force, and which has no window but number 0.
     """
 
     afferents: list[tuple[int, ...]]
     hidden: dict[int, list[tuple[int, ...]]]
     decisions: list[tuple[int, ...]]
+    runs_on: bool = False
 
 
 class Ticks(NamedTuple):
@@ -289,6 +291,11 @@ def _call(command: list[str], folder: Path, data: bytes = b"") -> bytes:
     return done.stdout
 
 
+def fired_in(raster: np.ndarray) -> list[tuple[int, ...]]:
+    """The numbers of the neurons that spike in each step of `(step, neuron)`."""
+    return [tuple(np.flatnonzero(row).tolist()) for row in raster]
+
+
 def spoken_of(
     rasters: np.ndarray, starts: np.ndarray, hidden: np.ndarray, decided: np.ndarray, steps_per_bin: int = 1,
     values: np.ndarray | None = None,
@@ -300,13 +307,13 @@ def spoken_of(
     steps_per_bin: steps in a bin. values: numbers that are told, `(window, target)`.
     """
     told = np.empty((len(decided), 0)) if values is None else values
-    rows = [tuple(np.flatnonzero(row).tolist()) for row in rasters]
+    rows = fired_in(rasters)
     windows = {}
     decisions = []
     each = zip(starts.tolist(), hidden, decided.tolist(), told.tolist(), strict=True)
     for window, (start, raster, row, numbers) in enumerate(each):
         label, steps, *counted = row
-        windows[window] = [tuple(np.flatnonzero(step).tolist()) for step in raster[: -(-steps // steps_per_bin)]]
+        windows[window] = fired_in(raster[: -(-steps // steps_per_bin)])
         decisions.append((window, start, steps, *counted, label, *numbers))
     return Spoken(rows, windows, decisions)
 
@@ -314,6 +321,9 @@ def spoken_of(
 def cut_off(said: list[Spoken], expected: Sequence[Spoken]) -> Iterator[Spoken]:
     """The output without the windows that the trial's end cuts off, which twins do not have."""
     for one, other in zip(said, expected, strict=True):
+        if other.runs_on:
+            yield one
+            continue
         n = len(other.decisions)
         hidden = {window: steps for window, steps in one.hidden.items() if window < n}
         yield Spoken(one.afferents, hidden, [row for row in one.decisions if row[0] < n])

@@ -1,6 +1,6 @@
 """The proof of an export on the test trials of its run: equality, accuracy, bytes, instructions, time and energy."""
 
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -11,13 +11,15 @@ from neurotact_parts.exporters import trials as test_trials
 from neurotact_parts.exporters.c import boards, c_export, integer, proof
 from neurotact_parts.exporters.c.boards import Board
 from neurotact_parts.exporters.c.formats import Formats, conditioner_of
-from neurotact_parts.exporters.c.proof import Spoken, spoken_of
+from neurotact_parts.exporters.c.proof import Spoken, fired_in, spoken_of
+from neurotact_parts.streams import detector
 from neurotact_parts.streams.chain import Chain
 
 from neurotact import files
 from neurotact.data.recordings import Recordings
 from neurotact.encoders import specs
 from neurotact.errors import InputError
+from neurotact.networks.training.events import DetectorSpec
 from neurotact.networks.use import fitted
 from neurotact.networks.use.fitted import Fitted
 
@@ -48,18 +50,20 @@ def prove(
     run: Fitted, chain: Chain, formats: Formats | None, n_trials: int,
     recordings: Recordings | str | Path | None = None, spikes: str | Path | None = None, *,
     say: Callable[[str], None] = print, emulate: int | None = None,
+    taught: Mapping[str, Any] | None = None,
 ) -> pd.DataFrame:  # fmt: skip
     """Rows `what`, `value` of the proof; steps without their tools are reported and skipped.
 
     n_trials: number of test trials. recordings, spikes: as for `export.prepared`. emulate: how many of these trials
-    also run in the emulator; None: all.
+    also run in the emulator; None: all. taught: as for `c_export.write`.
     Raises InputError if a spike or a decision differs.
     """
     trials = trials_of(run, chain, formats, n_trials, recordings, spikes)
-    rows = [("windows", sum(len(trial.decisions) for trial in trials.expected))]
-    rows += _accuracy(trials, chain.classes)
+    what = "windows" if chain.detector is None else "changes of the label in force"
+    rows = [(what, sum(len(trial.decisions) for trial in trials.expected))]
+    rows += _accuracy(trials, chain.classes) if chain.detector is None else []
     with files.scratch() as folder:
-        c_export.write(chain, folder, formats, name=NAME, parts=c_export.HARNESS)
+        c_export.write(chain, folder, formats, name=NAME, parts=c_export.HARNESS, taught=taught)
         rows += [*_on_this_machine(folder, trials, say)]
         for name, board in boards.BOARDS.items():
             absent = proof.missing("arm-none-eabi-gcc", "qemu-system-arm")
@@ -145,6 +149,8 @@ def expected_in_float(chain: Chain, trial: np.ndarray) -> Spoken:
     """The output for a whole trial of samples `(sample, taxel)` float32, in the encoder's unit."""
     signal = conditioner_of(chain).whole(trial)
     raster = specs.encode_whole(signal[None], chain.signal_Hz, chain.lif)[0]
+    if chain.detector is not None:
+        return _changes(chain, chain.detector, raster)
     starts, windows = _windows(chain, raster)
     inputs = torch.from_numpy(windows)
     made, (hidden, readout) = chain.network.infer(inputs, chain.rule), chain.network.simulate(inputs)
@@ -155,6 +161,22 @@ def expected_in_float(chain: Chain, trial: np.ndarray) -> Spoken:
     label, values = _told(chain, made.labels.numpy(), made.readout.numpy())
     decided = np.stack([label, made.steps, made.input_spikes, made.hidden_spikes, *spent, fired], axis=1)
     return spoken_of(raster, starts, hidden.numpy(), decided, n, values)
+
+
+def _changes(chain: Chain, rule: DetectorSpec, raster: np.ndarray) -> Spoken:
+    """What a detector tells of a whole trial of spikes `(step, afferent)`: each change of the label in force."""
+    n = chain.network.steps_per_bin
+    hidden, values = detector.run_on(chain.network, raster)
+    told, whole = [*detector.changes(values, rule)], raster[None, : len(values) * n]
+    ends = np.array([0, *(step + 1 for step, _ in told)])
+    spikes = chain.network.binned(torch.from_numpy(whole))[0].numpy(), hidden
+    counts = [np.append(0, each.sum(axis=1, dtype=np.int64).cumsum())[ends] for each in spikes]
+    repeated = [np.repeat(each, len(ends), axis=0) for each in (whole, hidden[None])]
+    spent = _sops(chain, repeated[0], repeated[1], n * ends)
+    rows = np.diff([n * ends, *counts, *spent], axis=1).T.tolist()
+    each = enumerate(zip((n * ends).tolist(), rows, told, strict=False))
+    decisions = [(number, start, *row, 1, label) for number, (start, row, (_, label)) in each]
+    return Spoken(fired_in(raster), {0: fired_in(hidden)}, decisions, runs_on=True)
 
 
 def _sops(chain: Chain, windows: np.ndarray, hidden: np.ndarray, steps: np.ndarray) -> list[np.ndarray]:
@@ -186,7 +208,8 @@ def _emulated(folder: Path, trials: Trials, board: Board, chain: Chain, n_trials
     name, chip = board.processor, board.chip
     output, _ = proof.on_board(folder, NAME, trials.given[:n_trials], board)
     windows = _require_equal(output, trials.expected[:n_trials], name)
-    yield f"{name}, emulated", f"every spike and decision of {windows} windows equal"
+    what = "windows" if chain.detector is None else "changes"
+    yield f"{name}, emulated", f"every spike and decision of {windows} {what} equal"
     size = proof.footprint(folder, NAME, board)
     yield f"{name}, flash", f"{size.flash} bytes"
     yield f"{name}, RAM", f"{size.ram} bytes, and at most {size.stack} of stack"
@@ -198,9 +221,12 @@ def _emulated(folder: Path, trials: Trials, board: Board, chain: Chain, n_trials
     yield f"{name}, instructions per {each}", f"{mean:.0f}{most}"
     ms = 1e3 * mean * board.cycles_per_instruction / chip.clock_Hz
     yield f"{name}, ms per {each} on {chip.name} (estimate)", f"{ms:.3f} of {1e3 / chain.sampling_rate_Hz:.3f}"
-    samples = np.mean([row[2] for trial in trials.expected for row in trial.decisions]) * chain.sampling_rate_Hz
+    steps, per = [row[2] for trial in trials.expected for row in trial.decisions], "decision"
+    if chain.detector is not None:
+        steps, per = [chain.clock_Hz], "second"
+    samples = np.mean(steps) * chain.sampling_rate_Hz
     energy_uJ = 1e3 * ms * 1e-3 * chip.watts * samples / chain.clock_Hz * 1e3
-    yield f"{name}, energy per decision on {chip.name} (estimate)", f"{energy_uJ:.0f} µJ"
+    yield f"{name}, energy per {per} on {chip.name} (estimate)", f"{energy_uJ:.0f} µJ"
 
 
 def _require_equal(output: list[Spoken], expected: Sequence[Spoken], where: str) -> int:

@@ -140,7 +140,7 @@ def without_slow() -> str:
     """The warning of a first look whose opponents are `quick`."""
     return (
         f"a first look fits fewer networks, and no {_listed(SLOW)}, strong opponents on many sets: a difference that "
-        "is clear here need not be clear in the whole study, nor its sign the same; run the whole study for a verdict"
+        "is clear here need not be clear in the whole study, nor its sign the same"
     )
 
 

@@ -4,15 +4,15 @@ Other rooms take:
 
     augmentation: AUTO, AugmentationSpec, CopiesWhenRead, NONE, UNRANKED, check_taxels, in_words, varied_copies
     conditioning: ACAUSAL, Baseline, CAUSAL, Conditioned, Conditioner, ConditioningSpec, HALF, PIECE_VALUES,
-        acausal_note, check_used, condition, condition_pieces, conditioned_length, ema, ema_coefficient,
-        fit_standardisation, is_long, pieces, sampled_length, standardised
+        acausal_note, check_used, condition, condition_pieces, conditioned_length, ema, ema_coefficient, is_long,
+        pieces, sampled_length, standardised
     contact: OnsetSpec, REST_MS
     copies: Copies, are_telling, copies_of, equal_examples, joined, with_touches
     dataset: DatasetSpec, Progress, Reader, SOURCES, Simulator, expand, load_recordings, load_touches, reader,
         simulator, until
     description: MOST_TAXELS, afferents_table, conditions_table, constant_taxels, lengths_line, taxels_summary,
         taxels_table
-    digests: DIGEST, TOUCH, content_digest, recorded_digest, recorded_trials, spike_digests
+    digests: DIGEST, DIGITS, TOUCH, content_digest, recorded_digest, recorded_trials, spike_digests
     doubtful: check, lines, of_copies, warn
     encoded_from: AbsentError, find, opened
     fetch: SETS, fetch, missing, public_set, registry_of

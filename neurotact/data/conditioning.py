@@ -4,6 +4,7 @@ The order is fixed: smoothing (EMA), resampling to the encoder's clock, baseline
 A trial is conditioned whole, piece by piece if it is long, or block by block as it is recorded; the result is the same.
 """
 
+import math
 from collections.abc import Container, Iterable, Iterator, Mapping, Sequence
 from dataclasses import replace
 from typing import Annotated, Any, Literal, NamedTuple
@@ -11,6 +12,7 @@ from typing import Annotated, Any, Literal, NamedTuple
 import numpy as np
 from pydantic import AfterValidator, Field
 
+from neurotact.backend import native
 from neurotact.data.recordings import Recordings, Trials, unit_factor
 from neurotact.errors import InputError
 from neurotact.files import check_size
@@ -119,11 +121,11 @@ def standardised(
 
 
 def condition_pieces(
-    recordings: Trials, trial: int, how: ConditioningSpec, unit: str | None = None
+    recordings: Trials, trial: int, how: ConditioningSpec, unit: str | None = None, n_steps: int | None = None
 ) -> Iterator[np.ndarray]:
     """The conditioned signal of one trial, piece by piece; the concatenation equals `condition`.
 
-    unit: the signal is converted to it; unchanged when absent.
+    unit: the signal is converted to it; unchanged when absent. n_steps: so many from the start, if there are more.
     The baseline `mean`, which uses the whole trial, is computed in a first pass.
 
     >>> import pandas as pd
@@ -137,22 +139,27 @@ def condition_pieces(
     _check_counts(how, recordings)
     n_rows = _rows_at_once(recordings)
     n_samples = max(1, int(n_rows * min(1.0, conditioner.rate_Hz / conditioner.clock_Hz)))
+    needed = math.inf  # samples, up to that after the last step
+    if n_steps is not None and how.baseline not in ACAUSAL:
+        needed = int(_position(np.array(n_steps - 1), conditioner.rate_Hz, conditioner.clock_Hz)) + 2
 
     def sampled() -> Iterator[np.ndarray]:
-        signal = conditioner.sampled(pieces(recordings, trial, n_samples))
+        signal = conditioner.sampled(pieces(recordings, trial, n_samples, needed))
         return signal if conditioner.clock_Hz == conditioner.rate_Hz else _regrouped(signal, n_rows)
 
     state, level = Conditioned(), _mean(sampled()) if how.baseline in ACAUSAL else None
+    left = n_steps
     for piece in sampled():
-        signal, state = conditioner.without_baseline(piece, state, level)
+        signal, state = conditioner.without_baseline(piece[:left], state, level)
+        left = None if left is None else left - len(signal)
         yield signal
 
 
-def pieces(recordings: Trials, trial: int, n_rows: int | None = None) -> Iterator[np.ndarray]:
-    """The samples of one trial as recorded, piece by piece, of `n_rows` samples; of `PIECE_VALUES` when None."""
-    n_rows = n_rows or _rows_at_once(recordings)
-    for start in range(0, int(recordings.lengths[trial]), n_rows):
-        yield recordings.piece(trial, start, start + n_rows)
+def pieces(recordings: Trials, trial: int, n_rows: int | None = None, most: float = math.inf) -> Iterator[np.ndarray]:
+    """The samples of one trial as recorded, at `most` so many, in pieces of `n_rows`; of `PIECE_VALUES` when None."""
+    n_rows, stop = n_rows or _rows_at_once(recordings), int(min(recordings.lengths[trial], most))
+    for start in range(0, stop, n_rows):
+        yield recordings.piece(trial, start, min(start + n_rows, stop))
 
 
 def _rows_at_once(recordings: Trials) -> int:
@@ -403,9 +410,17 @@ def ema(signal: np.ndarray, coefficient: float, before: np.ndarray | None = None
     >>> ema(np.array([[0.0], [1.0], [1.0]]), 0.5).ravel().tolist()
     [0.0, 0.5, 0.75]
     """
+    carried = signal[..., :1, :] if before is None else before[..., None, :]
+    if native is not None and signal.dtype == np.float32:
+        given, carried = (np.ascontiguousarray(values, np.float32) for values in (signal, carried))
+        *trials, n_steps, n_taxels = given.shape
+        native.moving_average(
+            smooth=(smooth := np.empty_like(given)).ctypes.data, signal=given.ctypes.data, before=carried.ctypes.data,
+            newest=coefficient, kept=1.0 - coefficient, trials=math.prod(trials), steps=n_steps, taxels=n_taxels,
+        )  # fmt: skip
+        return smooth
     from scipy.signal import lfilter
 
-    carried = signal[..., :1, :] if before is None else before[..., None, :]
     kind = signal.dtype.type
     b, a = np.array([coefficient], kind), np.array([1.0, coefficient - 1.0], kind)
     smooth, _ = lfilter(b, a, signal, axis=-2, zi=kind(1.0 - coefficient) * carried)
@@ -424,22 +439,6 @@ def interpolated(signal: np.ndarray, position: np.ndarray, first: int, n_samples
     weight = (position - before).astype(signal.dtype)[:, None]
     left = np.take(signal, before - first, axis=-2)
     return left + weight * (np.take(signal, after - first, axis=-2) - left)
-
-
-def fit_standardisation(signals: Sequence[np.ndarray]) -> tuple[tuple[float, ...], tuple[float, ...]]:
-    """`(offset, scale)`: mean and standard deviation of each taxel over training trials.
-
-    A constant taxel gets scale 1, so that it stays silent and finite.
-
-    >>> fit_standardisation([np.array([[1.0, 5.0], [3.0, 5.0]])])
-    ((2.0, 5.0), (1.0, 1.0))
-    """
-    n_samples = sum(len(s) for s in signals)
-    mean = sum(s.sum(axis=0, dtype=np.float64) for s in signals) / n_samples
-    variance = sum(((s - mean) ** 2).sum(axis=0, dtype=np.float64) for s in signals) / n_samples
-    deviation = np.sqrt(variance)
-    still = deviation <= 1e-12 * np.maximum(1.0, np.abs(mean))
-    return tuple(np.asarray(mean).tolist()), tuple(np.where(still, 1.0, deviation).tolist())
 
 
 def _check_counts(how: ConditioningSpec, recordings: Trials) -> None:

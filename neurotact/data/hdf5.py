@@ -1,9 +1,11 @@
 """Recordings and spike trains as HDF5 files.
 
 Recordings: `signals/values` (all trials end to end, `(time, channel)`), `signals/lengths`, `conditions/<column>`.
-Spike trains: the layout of the Spiking Heidelberg Digits (`spikes/times` in s, `spikes/units`, `labels`), and
-`conditions/<column>`, `trial_steps`. Both: `marks/<column>`, where trials have any. Everything else is in the file's
-attributes.
+Spike trains: `spikes/steps` and `spikes/units` (all trials end to end), `spikes/lengths`, `labels`, `trial_steps`,
+`conditions/<column>`. Both: `marks/<column>`, where trials have any. Everything else is in the file's attributes.
+
+Files of spikes without a `layout` have a row of variable length for each trial, as the Spiking Heidelberg Digits
+(`spikes/times` in s, `spikes/units`): several times larger and slower to read.
 """
 
 from __future__ import annotations
@@ -51,7 +53,11 @@ with lazily():
 log = logging.getLogger("neurotact")
 
 PACKED: dict[str, Any] = {"chunks": True, "compression": "gzip", "compression_opts": 1, "shuffle": True}
-"""How samples are compressed of which copies are made: read once for each training, they are a few megabytes."""
+"""How spikes are compressed, and samples of which copies are made: the fastest that is near their entropy."""
+LEAST_PACKED = 4096
+"""Bytes of a column that is not compressed, as the tables of a compressed one take as many."""
+LAYOUT, CHUNK = 2, (2**15,)
+"""Of files of spikes: the number of their form, and the spikes that are compressed together."""
 FLUSHED_SPIKES, FLUSHED_TRIALS = 100_000, 1000
 """Spikes or trials that are collected before they are written."""
 
@@ -77,7 +83,7 @@ def _write_recordings(group: h5py.Group, recordings: Recordings, output: Output,
         values[start : start + len(signal)] = signal
         start += len(signal)
         output.check()
-    group["signals/lengths"] = lengths
+    _write_column(group, "signals/lengths", lengths)
     _write_table(group.create_group("conditions"), recordings.conditions)
 
 
@@ -229,22 +235,24 @@ class _SpikeWriter:
     `n_spikes` and `n_steps` count what is written, over all trials.
     """
 
-    def __init__(self, file: h5py.File, output: Output, sampling_rate_Hz: float, n_trials: int) -> None:
+    def __init__(self, file: h5py.File, output: Output) -> None:
         self.n_spikes = self.n_steps = 0
         self.trial_steps: list[int] = []
+        self.trial_spikes: list[int] = []
         self.trial_digests: list[str] = []
         self.trial_touches: list[str] = []
-        self._rate_Hz = sampling_rate_Hz
         self._output = output
         self._waiting: list[TrialSpikes] = []
         self._waiting_spikes = 0
-        self._times = file.create_dataset("spikes/times", (n_trials,), h5py.vlen_dtype(np.float64))
-        self._units = file.create_dataset("spikes/units", (n_trials,), h5py.vlen_dtype(np.uint16))
+        endless = {"shape": (0,), "maxshape": (None,), **PACKED, "chunks": CHUNK}
+        self._steps = file.create_dataset("spikes/steps", dtype=np.int64, **endless)
+        self._units = file.create_dataset("spikes/units", dtype=np.uint16, **endless)
 
     def append(self, trial: TrialSpikes) -> None:
         """Write the next trial; OSError where the disk does not take it."""
         self._waiting.append(trial)
         self.trial_steps.append(trial.n_steps)
+        self.trial_spikes.append(len(trial.steps))
         self.trial_digests.append(trial.digest)
         self.trial_touches.append(trial.touch or trial.digest)
         self.n_steps += trial.n_steps
@@ -255,10 +263,10 @@ class _SpikeWriter:
 
     def flush(self) -> None:
         """Write the collected spikes and trials."""
-        first = len(self.trial_steps) - len(self._waiting)
-        if self._waiting:
-            _write_rows(self._times, first, [trial.steps / self._rate_Hz for trial in self._waiting], np.float64)
-            _write_rows(self._units, first, [trial.units for trial in self._waiting], np.uint16)
+        if self._waiting_spikes:
+            for stored, name in ((self._steps, "steps"), (self._units, "units")):
+                stored.resize((self.n_spikes,))
+                stored[-self._waiting_spikes :] = np.concatenate([getattr(trial, name) for trial in self._waiting])
         self._waiting, self._waiting_spikes = [], 0
         self._output.check()
 
@@ -289,7 +297,7 @@ def spike_writer(
     [1, 3]
     """
     with whole(path) as draft, create(draft) as (file, output):
-        file.attrs["kind"] = "spikes"
+        file.attrs["kind"], file.attrs["layout"] = "spikes", LAYOUT
         file.attrs["sampling_rate_Hz"] = sampling_rate_Hz
         file.attrs["dt_s"] = 1.0 / sampling_rate_Hz
         file.attrs["afferents"] = json.dumps(afferents)
@@ -299,25 +307,26 @@ def spike_writer(
             file.attrs["touch_s"] = touch_s
         if recorded_Hz is not None:
             file.attrs["recorded_Hz"] = recorded_Hz
-        writer = _SpikeWriter(file, output, sampling_rate_Hz, len(conditions))
+        writer = _SpikeWriter(file, output)
         yield writer
         writer.flush()
         if len(writer.trial_steps) != len(conditions):
             raise ValueError(f"{len(writer.trial_steps)} trials were written for {len(conditions)} rows of conditions")
-        file["labels"] = class_indices(conditions)
+        _write_column(file, "spikes/lengths", np.array(writer.trial_spikes, np.int64))
+        _write_column(file, "labels", class_indices(conditions))
         if variations is not None:
-            file["variation_of"] = variations.of.astype(np.int64)
+            _write_column(file, "variation_of", variations.of.astype(np.int64))
             if isinstance(variations.source, CopiesWhenRead):
-                file["variation_place"] = variations.places
+                _write_column(file, "variation_place", variations.places)
                 file.attrs["variation"] = variations.source.spec.model_dump_json()
                 _write_recordings(file.create_group("copied"), variations.source.recordings, output, **PACKED)
             else:
-                file["variation_kind"] = np.array(variations.kind, dtype="S")
-        file["trial_steps"] = np.array(writer.trial_steps, np.int64)
+                _write_column(file, "variation_kind", np.array(variations.kind, dtype="S"))
+        _write_column(file, "trial_steps", np.array(writer.trial_steps, np.int64))
         if all(writer.trial_digests):
-            file["trial_digests"] = np.array(writer.trial_digests, dtype="S")
+            _write_column(file, "trial_digests", np.array(writer.trial_digests, dtype="S"))
             if writer.trial_touches != writer.trial_digests:
-                file["trial_touches"] = np.array(writer.trial_touches, dtype="S")
+                _write_column(file, "trial_touches", np.array(writer.trial_touches, dtype="S"))
         _write_table(file.create_group("conditions"), conditions)
         _write_marks(file, marks)
 
@@ -399,11 +408,10 @@ def _spikes(declared: Declared) -> SpikeTrains:
     check_sampling_rate(rate_Hz, str(path))
     trial_steps = declared.numbers("trial_steps")
     conditions = _read_table(declared, "conditions", len(trial_steps))
-    times = declared.rows("spikes/times", "f")
-    units = declared.rows("spikes/units", "iu")
+    steps, units = _events_of_trials(declared, rate_Hz)
     try:
         trains = SpikeTrains(
-            steps=[_steps(row, rate_Hz) for row in times],
+            steps=steps,
             units=units,
             trial_steps=trial_steps,
             sampling_rate_Hz=rate_Hz,
@@ -442,22 +450,29 @@ def _with_variations(trains: SpikeTrains, declared: Declared) -> SpikeTrains:
     return replace(trains, variations=source.variations(of, kind))
 
 
+def _events_of_trials(declared: Declared, rate_Hz: float) -> tuple[list[np.ndarray], list[np.ndarray]]:
+    """Steps and afferents of the spikes of each trial, in a file of this or an earlier layout."""
+    layout = int(attribute(declared.file, "layout", declared.path)) if "layout" in declared.file.attrs else 1
+    if layout > LAYOUT:
+        raise InputError(f"{declared.path}: has layout {layout}, of a later neurotact; update this one")
+    if layout < LAYOUT:
+        return [_steps(row, rate_Hz) for row in declared.rows("spikes/times", "f")], declared.rows("spikes/units", "iu")
+    lengths = declared.numbers("spikes/lengths", "iu")
+    every = [declared.numbers(f"spikes/{name}", "iu") for name in ("steps", "units")]
+    n_expected = sum(lengths.tolist())
+    if (lengths < 0).any() or any(len(values) != n_expected for values in every):
+        found = " and ".join(str(len(values)) for values in every)
+        raise InputError(f"{declared.path}: holds {found} spikes of {n_expected}; it is damaged, write it again")
+    bounds = [*pairwise([0, *np.cumsum(lengths.astype(np.int64)).tolist()])]
+    steps, units = ([values[first:after] for first, after in bounds] for values in every)
+    return [of_trial.astype(np.int64, copy=False) for of_trial in steps], units
+
+
 def _steps(times_s: np.ndarray, rate_Hz: float) -> np.ndarray:
     """The steps nearest to times; an invalid time becomes -1."""
     with np.errstate(over="ignore"):
         steps = np.rint(times_s * rate_Hz)
     return np.where(np.abs(steps) < 2.0**62, steps, -1).astype(np.int64)
-
-
-def _write_rows(dataset: h5py.Dataset, first: int, rows: list[np.ndarray], kind: type) -> None:
-    """Write rows of their own length from row `first` on."""
-    boxed = np.empty(len(rows), h5py.vlen_dtype(kind))
-    for i, values in enumerate(rows):
-        boxed[i] = np.asarray(values, kind)
-    # h5py's own assignment turns rows that happen to have one length into a table.
-    space = dataset.id.get_space()
-    space.select_hyperslab((first,), boxed.shape)
-    dataset.id.write(h5py.h5s.create_simple(boxed.shape), space, boxed)
 
 
 def _write_table(group: h5py.Group, table: pd.DataFrame) -> None:
@@ -466,11 +481,15 @@ def _write_table(group: h5py.Group, table: pd.DataFrame) -> None:
         if str(column) in ("", ".") or "/" in str(column) or "\0" in str(column):
             raise InputError(f"condition {str(column)!r}: HDF5 cannot name a condition so; rename the column")
         values = table[column].to_numpy()
-        is_number = np.issubdtype(values.dtype, np.number) or values.dtype == bool
-        if is_number:
-            group.create_dataset(str(column), data=values)
-        else:
-            group.create_dataset(str(column), data=values.astype(str).astype(object), dtype=h5py.string_dtype())
+        if not (np.issubdtype(values.dtype, np.number) or values.dtype == bool):
+            texts = np.char.encode(values.astype(str), "utf-8", "surrogateescape")
+            values = texts.astype(h5py.string_dtype(length=max(1, texts.itemsize)))
+        _write_column(group, str(column), values)
+
+
+def _write_column(group: h5py.Group, name: str, values: np.ndarray) -> None:
+    """Write a value for each trial; many are compressed."""
+    group.create_dataset(name, data=values, **(PACKED if values.nbytes > LEAST_PACKED else {}))
 
 
 def _read_table(declared: Declared, name: str, n_rows: int) -> pd.DataFrame:

@@ -1,4 +1,4 @@
-"""Spike trains of trials, as events; on disk in the layout of the Spiking Heidelberg Digits."""
+"""Spike trains of trials, as events."""
 
 from __future__ import annotations
 

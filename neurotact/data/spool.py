@@ -2,7 +2,8 @@
 
 import tempfile
 import weakref
-from collections.abc import Iterable, Sequence
+from collections.abc import Callable, Iterable, Sequence
+from copy import copy
 from typing import overload
 
 import numpy as np
@@ -28,6 +29,7 @@ class Spool(Sequence[np.ndarray]):
         weakref.finalize(self, self._file.close)
         self._starts: list[int] = []
         self._shapes: list[tuple[int, ...]] = []
+        self._change: Callable[[int], np.ndarray] | None = None
         for signal in signals:
             self._starts.append(self._file.tell())
             self._shapes.append(signal.shape)
@@ -38,6 +40,16 @@ class Spool(Sequence[np.ndarray]):
                     f"{tempfile.gettempdir()}: cannot hold the signals ({error.strerror}); "
                     "free space there or name another folder in TMPDIR"
                 ) from error
+
+    def then(self, change: Callable[[np.ndarray], np.ndarray]) -> "Spool":
+        """The same signals, of which each is changed when it is read, and keeps its length.
+
+        >>> float(Spool([np.ones((3, 2), np.float32)]).then(lambda signal: 2 * signal)[0][0, 0])
+        2.0
+        """
+        changed = copy(self)
+        changed._change = lambda index: change(self[index])
+        return changed
 
     @property
     def lengths(self) -> list[int]:
@@ -54,6 +66,8 @@ class Spool(Sequence[np.ndarray]):
     def __getitem__(self, index: int | slice) -> np.ndarray | Sequence[np.ndarray]:
         if isinstance(index, slice):
             return [self[i] for i in range(*index.indices(len(self)))]
+        if self._change is not None:
+            return self._change(index)
         shape = self._shapes[index]
         self._file.seek(self._starts[index])
         return np.frombuffer(self._file.read(4 * shape[0] * shape[1]), np.float32).reshape(shape)

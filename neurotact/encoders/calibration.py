@@ -10,8 +10,8 @@ import contextlib
 import logging
 from collections.abc import Callable, Container, Iterable, Iterator, Mapping
 from dataclasses import dataclass, replace
-from functools import cached_property, partial
-from typing import Any, Generic, NamedTuple, Self, TypeVar
+from functools import cache, cached_property, partial
+from typing import Any, Generic, TypeVar
 
 import numpy as np
 import pandas as pd
@@ -27,6 +27,7 @@ from neurotact.encoders.excerpts import Excerpts, cut, draw, liveliest, numbers_
 from neurotact.encoders.gain_search import (
     CalibrationRule,
     Progress,
+    Tried,
     choose,
     drives,
     part_of,
@@ -35,7 +36,7 @@ from neurotact.encoders.gain_search import (
     suited_rule,
 )
 from neurotact.encoders.model import DrivenSpec, EncoderSpec
-from neurotact.encoders.scaling import REST_SD, Scaling, Spread, spread_of
+from neurotact.encoders.scaling import REST_SD, Scaling, Spread, highest_of, spread_of
 from neurotact.encoders.sensitivity import Sensitivity, adjusted, sensitivities_of
 from neurotact.encoders.specs import (
     SA_RA,
@@ -132,23 +133,28 @@ class Calibration(Generic[Encoder]):
         return self.apart is not None and len(np.unique(self.apart)) > 1
 
 
-class _Cut(NamedTuple):
-    """The excerpts that are conditioned in one way, before standardisation, and how far their taxels spread."""
+class DrawnTrials:
+    """The trials on which gains are fitted, and what the fits of several encoders of one kind share.
 
-    excerpts: Spool
-    spread: Spread
+    trials, numbers: those that are drawn. drawn_by: the numbers by which excerpts and labels are; None: at random.
+    tried: the `known` of `search`.
+    """
 
-    @classmethod
-    def of(
-        cls,
-        drawn: Trials,
-        how: ConditioningSpec,
-        longest_s: float,
-        rng: np.random.Generator,
-        numbers: np.ndarray | None,
-    ) -> Self:
-        excerpts = cut(drawn, how, longest_s, rng, numbers)
-        return cls(excerpts, spread_of(drawn, excerpts))
+    def __init__(self, recordings: Trials, rule: CalibrationRule, *, steady: bool) -> None:
+        self.rng, numbers = np.random.default_rng(rule.seed), numbers_of(recordings, rule.seed)
+        chosen = draw(recordings.labels, rule.trials_per_class, self.rng, numbers if steady else None)
+        self.trials, self.numbers = recordings.select(chosen), numbers[chosen]
+        self.drawn_by = self.numbers if steady else None
+        self.tried: Tried = {}
+        self._highest = highest_of(self.trials)
+        self._cuts: dict[ConditioningSpec, tuple[Spool, Spread]] = {}
+
+    def cut(self, how: ConditioningSpec, longest_s: float) -> tuple[Spool, Spread]:
+        """The excerpts before standardisation, and how far their taxels spread; cut once for each conditioning."""
+        if how not in self._cuts:
+            excerpts = cut(self.trials, how, longest_s, self.rng, self.drawn_by)
+            self._cuts[how] = excerpts, spread_of(self.trials, excerpts, self._highest)
+        return self._cuts[how]
 
 
 def calibrate(
@@ -161,7 +167,7 @@ def calibrate(
     apart: tuple[str, ...] = (),
     tell: bool = True,
     steady: bool = False,
-    known: dict[str, _Cut] | None = None,
+    share: Callable[..., DrawnTrials] = DrawnTrials,
 ) -> Calibration[Encoder]:
     """Fit standardisation and gains of `spec` on recorded training trials of any unit and rate.
 
@@ -181,8 +187,7 @@ def calibrate(
     apart: conditions that the test leaves out; `Calibration.accuracy` tests each of their values by the others.
     tell: log the notes, too.
     steady: trials and their excerpts are drawn by what is in them, so that one that is left out moves no other.
-    known: with `steady`, excerpts of these recordings by how they are conditioned, which are not conditioned again; new
-        ones are added.
+    share: makes the trials that are fitted on, or, with `steady`, returns those of another fit of these recordings.
     Raises InputError for less than two classes, for constant signals, and if every gain that gives spikes
     puts too many ISIs at the refractory floor.
 
@@ -205,14 +210,11 @@ def calibrate(
     firing.check_rate(spec, recordings.sampling_rate_Hz)
     asked, spec = spec, with_taxels_of(spec)
     rule = suited_rule(spec, rule, len(recordings.classes))
-    rng = np.random.default_rng(rule.seed)
     conditioning, notes = _suited(spec.conditioning, recordings, exact=is_exact(spec))
-    numbers = numbers_of(recordings, rule.seed)
-    chosen = draw(recordings.labels, rule.trials_per_class, rng, numbers if steady else None)
-    drawn, numbers = recordings.select(chosen), numbers[chosen]
+    shared = share(recordings, rule, steady=steady)
+    drawn = shared.trials
     how = conditioning_of(spec.model_copy(update={"conditioning": conditioning}), recordings.sampling_rate_Hz)
-    fresh = partial(_Cut.of, drawn, how, rule.excerpt_s, rng, numbers if steady else None)
-    excerpts, spread = _once(fresh, how, known) if steady and known is not None else fresh()
+    excerpts, spread = shared.cut(how, rule.excerpt_s)
     # Where the signal below zero drives afferents, too, the mean is the zero.
     rest_sd = 0.0 if _is_signed(spec) else REST_SD
     scaling = spread.scaling(conditioning.baseline, inverted=inverted, rest_sd=rest_sd)
@@ -222,22 +224,22 @@ def calibrate(
     standardised = standardise(excerpts, conditioning)
     if drawn.n_channels > rule.taxels:
         taxels = liveliest(standardised, rule.taxels)
-        standardised = (signal[:, taxels] for signal in standardise(excerpts, conditioning))
+        standardised = standardised.then(lambda signal: signal[:, taxels])
         notes.append(
             f"gains are chosen on {rule.taxels} of the {drawn.n_channels} taxels, those that vary most in one trial "
             "after the other"
         )
     conditioned = Excerpts(
-        Spool(standardised),
+        standardised,
         drawn.labels,
         drawn.classes,
         how.clock_Hz(recordings.sampling_rate_Hz),
         _source(recordings),
-        numbers if steady else None,
+        shared.drawn_by,
     )
 
     searched = part_of(conditioned, rule)
-    table, isi, tried = search(searched, fitted, rule, rng, progress)
+    table, isi, tried = search(searched, fitted, rule, shared.rng, progress, shared.tried)
     best = _chosen(table, sensitivities_of(fitted), rule, _source(recordings))
     table.loc[[*best.values()], "chosen"] = True
     turned_to, gains = fitted, {sensitivity: float(table.gain[row]) for sensitivity, row in best.items()}
@@ -263,7 +265,7 @@ def calibrate(
         first, others = np.hstack([first, others]), first[:, :0]
     groups = drawn.conditions[list(apart)].astype(str).agg(", ".join, axis=1).to_numpy() if apart else None
     turned_to = with_taxels_of(turned_to, asked)
-    return Calibration(turned_to, table, isi, first, others, conditioned.labels, tuple(notes), groups, numbers)
+    return Calibration(turned_to, table, isi, first, others, conditioned.labels, tuple(notes), groups, shared.numbers)
 
 
 def calibrate_causally(
@@ -308,13 +310,13 @@ def calibrate_causally(
     own_Hz, asked, spec = spec.conditioning.ema_cutoff_Hz, spec, with_taxels_of(spec)
     cutoffs_Hz = _cutoffs(own_Hz, recordings.sampling_rate_Hz) if choose_ema else [own_Hz]
 
-    known: dict[str, _Cut] = {}
+    share = cache(DrawnTrials)
     fits: list[tuple[Encoder, Calibration[Encoder]]] = []
     at_rest = _AtRest(recordings)
 
     def fit(tried: Encoder) -> Calibration[Encoder]:
         short = rule.model_copy(update={"every": False})
-        found = calibrate(recordings, tried, progress, short, apart=apart, tell=False, steady=True, known=known)
+        found = calibrate(recordings, tried, progress, short, apart=apart, tell=False, steady=True, share=share)
         fits.append((tried, found))
         return found
 
@@ -337,21 +339,13 @@ def calibrate_causally(
             best, notes = _of_grades((best, fit(graded)), notes)
     if rule.every:
         start = next(tried for tried, found in fits if found is best)
-        best = calibrate(recordings, start, None, rule, apart=apart, tell=False, steady=True, known=known)
+        best = calibrate(recordings, start, None, rule, apart=apart, tell=False, steady=True, share=share)
     notes = *best.notes, *notes
     if best.is_apart:
         notes = *notes, f"these accuracies are of each value of {', '.join(apart)} by the training trials of the others"
     if tell:
         _log(notes, recordings)
     return replace(best, notes=notes, encoder=with_taxels_of(best.encoder, asked))
-
-
-def _once(cut_them: Callable[[], _Cut], how: ConditioningSpec, known: dict[str, _Cut]) -> _Cut:
-    """The excerpts, which are cut where none are known that are conditioned in this way."""
-    key = how.model_dump_json()
-    if key not in known:
-        known[key] = cut_them()
-    return known[key]
 
 
 def _of_baselines(
@@ -686,7 +680,7 @@ def _turned(conditioned: Excerpts, spec: Encoder, sensitivity: Sensitivity, valu
     if not isinstance(spec, AfferentSpec) or len(getattr(spec, sensitivity.part).grades) == 1:
         return adjusted(spec, sensitivity, value), 0
     kind = getattr(spec, sensitivity.part)
-    values = _sample(*drives(conditioned, spec)[sensitivity.part])
+    values = _sample(*drives(conditioned.signals, conditioned.sampling_rate_Hz, spec)[sensitivity.part])
     grades = _fit_grades(values, spec, value, len(kind.grades))
     kind = kind.model_copy(update={"gain": value, "grades": grades})
     return spec.model_copy(update={sensitivity.part: kind}), len(getattr(spec, sensitivity.part).grades) - len(grades)

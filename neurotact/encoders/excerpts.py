@@ -98,19 +98,18 @@ def cut(
             length = min(n_steps, max(1, round(longest_s * clock_Hz)))
             n_starts = n_steps - length + 1
             start = int(rng.integers(n_starts) if numbers is None else numbers[trial] * n_starts)
-            yield _stretch(condition_pieces(recordings, trial, how), start, start + length)
+            pieces = condition_pieces(recordings, trial, how, n_steps=start + length)
+            yield _from(start, pieces)
 
     return Spool(stretches())
 
 
-def _stretch(pieces: Iterable[np.ndarray], start: int, stop: int) -> np.ndarray:
-    """The steps from `start` to before `stop` of a signal that comes in pieces."""
+def _from(start: int, pieces: Iterable[np.ndarray]) -> np.ndarray:
+    """The steps from `start` on of a signal that comes in pieces."""
     parts, first = [], 0
     for piece in pieces:
-        parts.append(piece[max(0, start - first) : max(0, stop - first)].copy())  # a view would keep the whole piece
+        parts.append(piece[max(0, start - first) :].copy())  # a view would keep the whole piece
         first += len(piece)
-        if first >= stop:
-            break
     return np.concatenate(parts)
 
 
@@ -128,7 +127,6 @@ def liveliest(signals: Iterable[np.ndarray], most: int) -> np.ndarray:
     return np.sort(np.array([*in_turn][:most]))
 
 
-def standardise(excerpts: Iterable[np.ndarray], conditioning: ConditioningSpec) -> Iterator[np.ndarray]:
+def standardise(excerpts: Spool, how: ConditioningSpec) -> Spool:
     """The excerpts after standardisation, as the populations receive them."""
-    for signal in excerpts:
-        yield standardised(signal, conditioning.offset, conditioning.scale, conditioning.rectify)
+    return excerpts.then(lambda signal: standardised(signal, how.offset, how.scale, how.rectify))

@@ -178,11 +178,6 @@ def _begun(recordings: Trials, spec: EncoderSpec, rest_ms: float) -> Iterator[tu
     rate_Hz, clock_Hz = (part.clock_Hz(recordings.sampling_rate_Hz) for part in (how, spec.conditioning))
     n_rest, n_seen = max(1, round(rest_ms * 1e-3 * clock_Hz)), max(1, round(SEEN_MS * 1e-3 * rate_Hz))
     for trial in range(len(recordings)):
-        parts, n = [], 0
-        for piece in condition_pieces(recordings, trial, how, spec.unit):
-            parts.append(piece[: n_seen - n].copy())
-            n += len(piece)
-            if n >= n_seen:
-                break
-        raster, _ = encode(np.concatenate(parts)[None], rate_Hz, spec)
+        seen = np.concatenate([*condition_pieces(recordings, trial, how, spec.unit, n_seen)])
+        raster, _ = encode(seen[None], rate_Hz, spec)
         yield raster[0], n_rest

@@ -148,6 +148,12 @@ def _prepared(excerpts: Excerpts, spec: EncoderSpec) -> _Prepared:
     return _Prepared(excerpts, Groups(excerpts.signals, _clock(excerpts, spec) / excerpts.sampling_rate_Hz))
 
 
+_ISI = tuple[str, float, np.ndarray, list[np.ndarray]]
+"""The afferent, its gain, the edges of the bins in ms, and the share of each bin in each class."""
+Tried = dict[tuple[str, str], tuple[dict[str, Any], _ISI, np.ndarray]]
+"""A population at one gain, by what decides its spikes: its row of `Calibration.table`, its ISIs, and its rates."""
+
+
 class _Searched(NamedTuple):
     """Each population at each candidate gain.
 
@@ -166,19 +172,27 @@ def search(
     rule: CalibrationRule,
     rng: np.random.Generator,
     progress: Progress | None,
+    known: Tried | None = None,
 ) -> _Searched:
-    """The spikes of each population at each candidate gain (`_ascend`)."""
-    n_seconds = np.array(excerpts.signals.lengths) / excerpts.sampling_rate_Hz
-    labels = excerpts.labels
+    """The spikes of each population at each candidate gain (`_ascend`).
+
+    known: what was tried on the same trials, by what decides the spikes; those are not computed again, and what is
+        tried is added. Polarities have the same RA-I.
+    """
+    n_seconds, labels = np.array(excerpts.signals.lengths) / excerpts.sampling_rate_Hz, excerpts.labels
     labellings = [labels, *permuted(labels, rule.shuffles, rng, excerpts.numbers)]
     sensitivities = sensitivities_of(spec)
     edges = [_edges(excerpts, spec, sensitivity) for sensitivity in sensitivities]
-    rows, isi, rates, prepared = [], [], {}, _prepared(excerpts, spec)
+    known = {} if known is None else known
+    found: dict[tuple[str, float], tuple[dict[str, Any], _ISI, np.ndarray]] = {}
+    prepared = _prepared(excerpts, spec)
 
     def tried(values: Sequence[float], of: Sequence[Sensitivity] = sensitivities) -> list[dict[str, Any]]:
         """The rows of these values of each sensitivity, or of some (`of`), which are added to the tables."""
-        encoder, n_before = _with(spec, dict(zip(sensitivities, values, strict=True))), len(rows)
-        for sensitivity, fired in zip(of, _fire(prepared, encoder, of), strict=True):
+        encoder = _with(spec, dict(zip(sensitivities, values, strict=True)))
+        keys = {one: _alone(encoder, one) for one in of}
+        new = [one for one in of if keys[one] not in known]
+        for sensitivity, fired in zip(new, _fire(prepared, encoder, new), strict=False):  # nothing is fired for none
             place = sensitivities.index(sensitivity)
             value, steps = values[place], edges[place]
             row = {
@@ -189,12 +203,13 @@ def search(
                 "separation": separation(fired.shares, labellings),
                 "spikes_per_s": float(fired.counts.sum() / (n_seconds.sum() * fired.counts.shape[1])),
             }
-            rows.append(row)
-            rates[sensitivity.name, value] = _per_second(excerpts, fired)
             of_trials = fired.shares.mean(axis=1)
             of_classes = [of_trials[labels == label].mean(axis=0) for label in range(len(excerpts.classes))]
-            isi.append((sensitivity.name, value, steps / _clock(excerpts, spec) * 1e3, of_classes))
-        return rows[n_before:]
+            isi = sensitivity.name, value, steps / _clock(excerpts, spec) * 1e3, of_classes
+            known[keys[sensitivity]] = row, isi, _per_second(excerpts, fired)
+        rows = [known[key][0] for key in keys.values()]
+        found.update({(row["afferent"], row["gain"]): known[key] for row, key in zip(rows, keys.values(), strict=True)})
+        return rows
 
     def advance(n: int, values: Sequence[float]) -> None:
         pairs = zip(sensitivities, values, strict=True)
@@ -206,19 +221,26 @@ def search(
     if rule.spikes_per_s is not None:
         _to_rate(spec, rule, tried, advance)
     elif isinstance(spec, DrivenSpec):
-        _ascend([*_candidates(excerpts, spec, rule).values()], sensitivities, rule, tried, advance)
+        _ascend([*_candidates(prepared, spec, rule).values()], sensitivities, rule, tried, advance)
     else:
         _ascend(_from_silence(prepared, spec, rule), sensitivities, rule, tried, advance)
     places = {
         sensitivity.name: (order, -1 if sensitivity.is_threshold else 1)
         for order, sensitivity in enumerate(sensitivities)
     }
-    table = pd.DataFrame(rows).drop_duplicates(["afferent", "gain"])
+    rows, isi, rates = zip(*found.values(), strict=True)
+    table = pd.DataFrame(rows)
     column, sign = (table.afferent.map({name: pair[i] for name, pair in places.items()}) for i in (0, 1))
     table = table.iloc[np.lexsort([sign * table.gain, column])].reset_index(drop=True)  # from few spikes to many
     within = (table.silent_share <= rule.max_silent_share) & (table.floor_share <= rule.max_floor_share)
-    shares = _isi_table(isi, excerpts.classes).drop_duplicates(["afferent", "gain", "label", "isi_ms"])
-    return _Searched(table.assign(admissible=within, chosen=False), shares, rates)
+    shares = _isi_table(isi, excerpts.classes)
+    return _Searched(table.assign(admissible=within, chosen=False), shares, dict(zip(found, rates, strict=True)))
+
+
+def _alone(spec: EncoderSpec, sensitivity: Sensitivity) -> tuple[str, str]:
+    """What decides the spikes of a sensitivity's afferents, on the same trials."""
+    others = {"sa1", "ra1"} - {sensitivity.part} if isinstance(spec, AfferentSpec) else set[str]()
+    return sensitivity.name, spec.model_dump_json(exclude=others)
 
 
 def _with(spec: EncoderSpec, values: Mapping[Sensitivity, float]) -> EncoderSpec:
@@ -270,7 +292,7 @@ def following(rows: Mapping[int, Mapping[str, Any]], rule: CalibrationRule) -> i
         return top + 1 if top < last else None
     awake = [place for place, row in rows.items() if row["silent_share"] <= rule.max_silent_share]
     if not awake and top < last:
-        return min(top + STRIDE, last)
+        return min(top + (STRIDE if rows else 2 * STRIDE), last)  # at the first ones hardly anything fires
     if awake and (below := min(awake) - 1) >= 0 and below not in rows:
         return below
     if awake and top < last and rows[top]["floor_share"] <= most:
@@ -409,30 +431,31 @@ def _floor_steps(spec: EncoderSpec, sensitivity: Sensitivity, sampling_rate_Hz: 
     return _least_isi_steps(spec, sensitivity, sampling_rate_Hz)
 
 
-def _candidates(excerpts: Excerpts, spec: DrivenSpec, rule: CalibrationRule) -> dict[str, list[float]]:
+def _candidates(prepared: _Prepared, spec: DrivenSpec, rule: CalibrationRule) -> dict[str, list[float]]:
     """Candidate gains of each population, from slightly below the gain whose strongest drive reaches threshold."""
     grids, names = {}, {sensitivity.part: sensitivity.name for sensitivity in sensitivities_of(spec)}
-    for part, (drive, n_values) in drives(excerpts, spec).items():
+    for part, (drive, n_values) in drives(prepared.groups.signals, prepared.excerpts.sampling_rate_Hz, spec).items():
         strongest = _strongest((x.ravel() for x in drive), n_values)
         if strongest <= 0:
             raise InputError(
-                f"{excerpts.source}: the conditioned training trials never drive {names[part]} afferents; check the "
-                "encoder's baseline and the columns that were read"
+                f"{prepared.excerpts.source}: the conditioned training trials never drive {names[part]} afferents; "
+                "check the encoder's baseline and the columns that were read"
             )
         first = spec.least_drive(part) / strongest / rule.step**STEPS_BELOW
         grids[part] = [float(f"{first * rule.step**k:.3g}") for k in range(rule.candidates)]
     return grids
 
 
-def drives(excerpts: Excerpts, spec: DrivenSpec) -> dict[str, tuple[Iterator[np.ndarray], int]]:
+def drives(
+    signals: Sequence[np.ndarray], rate_Hz: float, spec: DrivenSpec
+) -> dict[str, tuple[Iterator[np.ndarray], int]]:
     """The drive of each type with a gain of 1, trial by trial `(time, taxel)`, and the number of values."""
-    rate_Hz = excerpts.sampling_rate_Hz
+    n_samples, first = sum(map(len, signals)), signals[0]
 
     def of(part: str) -> tuple[Iterator[np.ndarray], int]:
-        first = excerpts.signals[0]
         n_lost = len(first) - len(spec.felt(part, first, rate_Hz))
-        n_steps = sum(excerpts.signals.lengths) - n_lost * len(excerpts.signals)
-        return (spec.felt(part, x, rate_Hz) for x in excerpts.signals), excerpts.n_channels * n_steps
+        n_values = (n_samples - n_lost * len(signals)) * first.shape[1]
+        return (spec.felt(part, x, rate_Hz) for x in signals), n_values
 
     return {sensitivity.part: of(sensitivity.part) for sensitivity in sensitivities_of(spec)}
 
@@ -488,13 +511,8 @@ def choose(table: pd.DataFrame, rule: CalibrationRule, where: str, sensitivity: 
     return int(good.index[is_within(good.separation, best, rule.tie * abs(best))][0])
 
 
-def _isi_table(
-    tried: Iterable[tuple[str, float, np.ndarray, list[np.ndarray]]], classes: Sequence[str]
-) -> pd.DataFrame:
-    """`Calibration.isi`: a row for each bin, class and value of a sensitivity.
-
-    tried: the afferent, its gain, the edges of the bins in ms, and the share of each bin in each class.
-    """
+def _isi_table(tried: Iterable[_ISI], classes: Sequence[str]) -> pd.DataFrame:
+    """`Calibration.isi`: a row for each bin, class and value of a sensitivity."""
     rows = [
         (name, isi_ms, share, afferent, gain)
         for afferent, gain, edges_ms, of_classes in tried

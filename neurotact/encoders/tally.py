@@ -45,18 +45,21 @@ class Group:
 
     def __init__(self, signals: Sequence[np.ndarray]) -> None:
         self.signal, self.n_samples = side_by_side(signals)
+        self._in_lanes: dict[str, np.ndarray] = {}
 
     @cached_property
     def change(self) -> np.ndarray:
         """The rectified change since the sample before."""
-        return np.abs(np.diff(self.signal, axis=1, prepend=self.signal[:, :1]))
+        change = np.zeros_like(self.signal)
+        np.subtract(self.signal[:, 1:], self.signal[:, :-1], out=change[:, 1:])
+        return np.abs(change, out=change)
 
-    @cached_property
-    def in_lanes(self) -> dict[str, np.ndarray]:
-        """What each type feels, with as many taxels as the kernel takes."""
-        more = -self.signal.shape[2] % native.LANES
-        felt = {"sa1": self.signal, "ra1": self.change}
-        return {part: np.pad(its, ((0, 0), (0, 0), (0, more))) if more else its for part, its in felt.items()}
+    def in_lanes(self, part: str) -> np.ndarray:
+        """What a type feels, with as many taxels as the kernel takes."""
+        if part not in self._in_lanes:
+            felt, more = self.change if part == "ra1" else self.signal, -self.signal.shape[2] % native.LANES
+            self._in_lanes[part] = np.pad(felt, ((0, 0), (0, 0), (0, more))) if more else felt
+        return self._in_lanes[part]
 
     def tallies(
         self, spec: EncoderSpec, rate_Hz: float, asked: Iterable[Asked], backend: Backend = "auto"
@@ -82,7 +85,7 @@ class Group:
             return closed_form.tally(self.change if part == "ra1" else self.signal, rate_Hz, spec, part, tally)
         neuron = spec.neuron(getattr(spec, part), rate_Hz)
         for nth, gain in enumerate(spec.gains_at(rate_Hz)[part == "ra1"]):
-            native.tally_population(self.in_lanes[part], gain, neuron, tally, nth * self.signal.shape[2])
+            native.tally_population(self.in_lanes(part), gain, neuron, tally, nth * self.signal.shape[2])
         return None
 
 
@@ -109,6 +112,13 @@ class Groups:
         more = -n_taxels % native.LANES
         n_values = 2 * sum(signals.lengths) * (n_taxels if not more else 2 * n_taxels + more)  # `Group` and its copies
         self._held = [*self._anew()] if n_values <= HELD_PIECES * conditioning.PIECE_VALUES else None
+
+    @property
+    def signals(self) -> Sequence[np.ndarray]:
+        """Each signal, `(time, taxel)`."""
+        if self._held is None:
+            return self._signals
+        return [signal[:n] for group in self._held for signal, n in zip(group.signal, group.n_samples, strict=True)]
 
     def __iter__(self) -> Iterator[Group]:
         return iter(self._held) if self._held is not None else self._anew()

@@ -10,7 +10,7 @@ Other rooms take:
     fronts: pareto_front
     isi_distributions: bin_edges, bins_of, separation, shares_of
     linear: cross_validated_accuracy, linear
-    paired: Paired, by_trial, compare, compare_by_trial, compare_shares
+    paired: Paired, by_trial, compare, compare_by_trial, compare_shares, p_in_words
     power: WEAK, can_beat_guessing, in_words, is_too_weak
     prices: ACCESSES, ARITHMETIC_45NM, DEFAULT, MEMORY_45NM, NEURONS, PRICED, PriceList, Priced, WIDE, names,
         price_list

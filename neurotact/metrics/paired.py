@@ -39,6 +39,18 @@ class Paired(NamedTuple):
         return self.p < LEVEL
 
 
+def p_in_words(p: float) -> str:
+    """A probability with as many digits as tell on which side of `LEVEL` it is.
+
+    >>> p_in_words(0.0002), p_in_words(0.312), p_in_words(0.0513), p_in_words(0.0496), p_in_words(0.05)
+    ('p < 0.001', 'p = 0.3', 'p = 0.051', 'p = 0.0496', 'p = 0.05')
+    """
+    if p < 0.001:
+        return "p < 0.001"
+    told = (f"{p:.{digits}g}" for digits in range(1, 18))
+    return f"p = {next(one for one in told if np.sign(float(one) - LEVEL) == np.sign(p - LEVEL))}"
+
+
 def compare(right: np.ndarray, other: np.ndarray) -> Paired:
     """Compare two classifiers on the same trials with a sign-flip permutation test.
 

@@ -3,7 +3,7 @@
 Other rooms take:
 
     definition.clock: apart, binned, spread
-    definition.executors: FEATURES, IN_TIME, LIF_INSTEAD, Subject, lacking, left_outside, refusal, require
+    definition.executors: FEATURES, LIF_INSTEAD, Subject, lacking, left_outside, require
     definition.learned: Balance, LearnSpec
     definition.module: ModuleNetwork, new
     definition.native: addresses_of, device_of, exits_at, shape_of

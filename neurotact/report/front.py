@@ -456,7 +456,7 @@ class _OfRun(NamedTuple):
         places = period_choice.Places(self.folder, place, Path(file) if file else None, may_fold=may_fold)
         sure = period_choice.Sure(sides.trials.test, len(cells), choice.network.seeds, each)
         said = period_choice.in_words(choice, sure, periods.populations(self.study), sample_ms)
-        return said, period_choice.next_step(choice, sure, places)
+        return said, period_choice.next_step(choice, sure, places, sentences.lost_in_encoding(answer))
 
     def _right(self, index: int) -> dict[str, float] | None:
         return result_of(self.folder, self.done[index]).get("right") if index < len(self.done) else None
@@ -639,7 +639,7 @@ def _of_front(front: Front, trains: SpikeTrains | None) -> Iterator[str]:
         yield from cautions.not_learned(one.best.used.accuracy, one.interval[0], one.guess)
     yield from front.lost
     if trains is not None:
-        yield from cautions.few_test_trials(front.sides.tested, front.split)
+        yield from cautions.few_test_trials(front.sides.tested, None if front.next[0] else front.split)
 
 
 def _of_training(folder: Path, cell: Cell) -> Iterator[str]:

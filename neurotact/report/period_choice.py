@@ -325,10 +325,16 @@ def _beside_larger(choice: PeriodChoice, populations: Sequence[str]) -> str:
     return f"; against the best with {_period(best.pair, populations)}, {size}, it {_gain(evidence)}"
 
 
-def next_step(choice: PeriodChoice, sure: Sure, places: Places) -> tuple[str, list[str]]:
-    """What to do next, in words, and the commands that do it, which run as they stand."""
+def next_step(choice: PeriodChoice, sure: Sure, places: Places, lost: str = "") -> tuple[str, list[str]]:
+    """The one thing that decides most, in words, and the commands that do it, which run as they stand.
+
+    lost: how much the encoding loses, if that is much: then neither more tests nor another period help.
+    """
     run, cell = places.run.absolute(), places.cell.absolute()
     study = run / "study.toml"
+    if lost and places.recordings is not None:
+        compared = "study", "run", "which-encoder", "--data", places.recordings, "-o", _beside(run, "encoders")
+        return f"{lost}; compare encoders:", [_command(*compared)]
     if choice.kind != "unclear":
         recorded = [] if places.recordings is None else ["--recordings", places.recordings]
         save = _command("save", cell, *recorded, "-o", _beside(run, "saved"))

@@ -278,7 +278,9 @@ def of_width(outcome: OfNetworks, narrow: OfNetworks, own: float | None) -> Iter
     lost = [f"{name} {percent(was)} to {percent(now)}" for name, was, now in every if was - now > POINT]
     more = [f"and that of {len(lost) - TOLD} others"] if len(lost) > TOLD else []
     said = [f"accuracy on test windows falls ({'; '.join([*lost[:TOLD], *more])})"] if lost else []
-    if narrow.kind != outcome.kind:
+    if narrow.kind == "too few trials" and outcome.kind in ("better", "worse"):
+        said.append("the difference in accuracy is no longer clear")
+    elif narrow.kind != outcome.kind and {narrow.kind, outcome.kind} != {"tie", "too few trials"}:
         said.append(f"the verdict would be '{verdict(narrow)}'")
     if said:
         yield f"With 8-bit weights, for which baselines are chosen anew, {'; '.join(said)}."
@@ -339,6 +341,30 @@ def where_lost(outcome: OfNetworks) -> Iterator[str]:
         f"{percent(used)} by {outcome.best.name}); use {outcome.leader.name}": leader - used,
     }
     yield from (words for words, loss in lost.items() if loss > 1 / outcome.trials.test)
+
+
+def lost_in_encoding(outcome: OfNetworks) -> str:
+    """How much more accurate a baseline on signals is than the same on spikes, if clearly more than `power.WEAK`.
+
+    It is the best one, on validation trials, of those that have both inputs. The difference is clear by Fisher's exact
+    test on all trials that were not trained on. Else empty.
+    """
+    of: dict[tuple[str, bool], list[Baseline]] = {}
+    for one in outcome.others:
+        of.setdefault((one.name.partition(" on ")[0], one.is_of_spikes), []).append(one)
+    rivals = [one for (kind, spikes), its in of.items() if not spikes and (kind, True) in of for one in its]
+    if not rivals:
+        return ""
+    sides, n = outcome.trials, sum(outcome.trials)
+    signals = rivals[referee.best_of([one.way(sides) for one in rivals])]
+    same = of[kind := signals.name.partition(" on ")[0], True]
+    spikes = same[referee.best_of([one.way(sides) for one in same])]
+    before, after = ((sides.validation * one.validation + sides.test * one.accuracy) / n for one in (signals, spikes))
+    lost = signals.accuracy - spikes.accuracy
+    if lost <= power.WEAK or not referee.is_gap(before, n, after, n, referee.LEVEL):
+        return ""
+    shares = f"{percent(signals.accuracy)} on signals, {percent(spikes.accuracy)} on spikes"
+    return f"The encoding loses {100 * lost:.0f} points ({kind}: {shares})"
 
 
 def of_starts(outcome: OfNetworks) -> str:

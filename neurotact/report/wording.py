@@ -6,6 +6,7 @@ from typing import Any, NamedTuple
 
 import pandas as pd
 
+from neurotact.metrics.paired import p_in_words
 from neurotact.metrics.referee import Verdict
 
 UNITS = ((1e9, "J"), (1e6, "mJ"), (1e3, "µJ"))
@@ -86,7 +87,7 @@ def chance_of(verdict: Verdict) -> str:
 
 def p_of(verdict: Verdict) -> str:
     """The p-value alone, and for how many comparisons it is corrected."""
-    p = "p < 0.001" if verdict.p < 0.001 else f"p = {verdict.p:.1g}"
+    p = p_in_words(verdict.p)
     return p if verdict.opponents == 1 else f"{p} after correction for {verdict.opponents} comparisons"
 
 

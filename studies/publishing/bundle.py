@@ -5,7 +5,7 @@ import os
 import re
 import shutil
 from collections.abc import Iterator, Mapping
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from importlib import resources
 from pathlib import Path, PurePosixPath
 from tempfile import TemporaryDirectory
@@ -25,6 +25,7 @@ with lazily():
     from neurotact_parts.studies.publishing import methods, prints, references
 
     from neurotact import checks, tables
+    from neurotact.data import dataset, hdf5
     from neurotact.figures import style
     from neurotact.report import networks, page, report, ways
     from neurotact.report import tables as report_tables
@@ -121,12 +122,14 @@ def bundle_study(
         for name in ("versions.json", "data.json", store.ANSWER):
             if (folder / name).is_file():
                 shutil.copyfile(folder / name, draft / name)
-        _write(draft / "methods.md", f"# Methods: {what.title}\n\n{methods.in_words(what)}\n")
+        _write(draft / "methods.md", f"# Methods: {what.title}\n\n{methods.in_words(what, _facts(what, sources))}\n")
         _write(draft / "references.bib", references.bibtex(what, files.read_json(folder / runner.VERSIONS)))
         if sources:
             _write(draft / RECORDINGS, listed)
         script = (resources.files(__package__ or "") / AGAIN).read_text(encoding="utf-8")
-        _write(draft / AGAIN, script.replace("NAMES", " ".join(names)).replace("COUNT", str(len(names))))
+        for key, value in {"NAMES": " ".join(names), "COUNT": str(len(names)), "VERSION": nt.__version__}.items():
+            script = script.replace(key, value)
+        _write(draft / AGAIN, script)
         (draft / AGAIN).chmod(0o755)
         _write(draft / "README.md", _readme(what, sources, WIDTHS_in[width], without_data))
         for path, kept in () if without_data else (pair for source in sources for pair in source.files()):
@@ -145,6 +148,8 @@ def bundle_study(
 def _check_place(target: Path, folder: Path, force: bool) -> None:
     if target.exists() and folder.resolve().is_relative_to(target.resolve()):
         raise InputError(f"{target}: holds the study; choose another folder")
+    if target.resolve().is_relative_to(folder.resolve()):
+        raise InputError(f"{target}: is in the folder of the study; choose one beside it, such as {folder}-bundle")
     if target.is_dir() and not any(target.iterdir()):
         return
     files.check_new(target, force=force)
@@ -177,6 +182,17 @@ def _kept(place: str, taken: list[PurePosixPath]) -> PurePosixPath:
     name = Path(place).name
     several = (PurePosixPath("data", *folder, name) for folder in [(), *((str(n),) for n in range(2, len(taken) + 3))])
     return next(kept for kept in several if kept not in taken)
+
+
+def _facts(study: "loading.Study", sources: list[_Source]) -> list[str]:
+    """The numbers of trials, classes and taxels, and the sampling rate, of the recordings that a study uses."""
+    if isinstance(study, networks_study.StudySpec):
+        return [dataset.load_recordings(study.dataset).summary()]
+    facts = []
+    for source in sources:
+        with suppress(InputError):  # spikes, or files of another program
+            facts.append(hdf5.load_recordings(source.path).summary())
+    return facts
 
 
 def _hashes(sources: list[_Source]) -> str:

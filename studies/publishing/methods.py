@@ -1,6 +1,7 @@
-"""A paragraph on the methods of a study in plain English; every number in it is one of the study's spec."""
+"""A paragraph on the methods of a study in plain English; every number in it is one of the study's spec or data."""
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
+from itertools import chain
 from typing import Any
 
 from neurotact_parts.studies.publishing.references import sets
@@ -45,21 +46,22 @@ CHOSEN = {
 """What calibration may choose beside the baseline, the standardisation and the gains."""
 
 
-def in_words(study: Study) -> str:
-    """The methods of a study, a paragraph for each step.
+def in_words(study: Study, facts: Sequence[str] = ()) -> str:
+    """The methods of a study, a paragraph for each step. facts: the summaries of its recordings.
 
     >>> from neurotact.studies import loading
     >>> in_words(loading.resolve("refractory-period")).partition(".")[0]
     'Recordings were simulated by the simulator gratings with trials 100'
     """
-    return "\n\n".join(" ".join(part) for part in map(list, _paragraphs(study)) if part)
+    return "\n\n".join(" ".join(part) for part in map(list, _paragraphs(study, facts)) if part)
 
 
-def _paragraphs(study: Study) -> Iterator[Iterator[str]]:
+def _paragraphs(study: Study, facts: Sequence[str]) -> Iterator[Iterator[str]]:
+    used = (f"The data were {fact}." for fact in facts)
     if not isinstance(study, StudySpec):
-        yield _of_way(study)
+        yield chain(_of_way(study), used)
         return
-    yield _recordings(study.dataset)
+    yield chain(_recordings(study.dataset), used)
     yield _encoding(study)
     yield _windows(study.window, study.split, study.dataset.stratify)
     if study.network is not None:

@@ -3,8 +3,15 @@
 set -eu
 cd "$(dirname "$0")"
 export NEUROTACT_DATA="$PWD/data"
+for run in "${NEUROTACT:-neurotact}" "python -m neurotact" "python3 -m neurotact" ""; do
+    [ -z "$run" ] || ! $run --version >/dev/null 2>&1 || break
+done
+if [ -z "$run" ]; then
+    echo "neurotact VERSION is not here; activate the environment that has it, or install it into this one" >&2
+    exit 2
+fi
 rm -rf again
-${NEUROTACT:-neurotact} study run study.toml -o again
+$run study run study.toml -o again
 differ=0
 for name in NAMES; do
     here="tables/$name"

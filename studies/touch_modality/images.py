@@ -24,12 +24,19 @@ from neurotact_parts.studies.touch_modality.datasets import (
 )
 from neurotact_parts.studies.touch_modality.folds import Fold
 from neurotact_parts.studies.touch_modality.recurrent import LSTM, GRUClassifier, LSTMClassifier
-from neurotact_parts.studies.touch_modality.touches import TAXELS, TouchData, folds_of, seed_of, touches_of, typical
+from neurotact_parts.studies.touch_modality.touches import (
+    TAXELS,
+    TouchData,
+    fit_standardisation,
+    folds_of,
+    seed_of,
+    touches_of,
+    typical,
+)
 from pydantic import Field
 from sklearn.pipeline import Pipeline
 from torch import nn
 
-from neurotact.data.conditioning import fit_standardisation
 from neurotact.figures.style import Drawn
 from neurotact.metrics.flops import Dense, Layer, Moments, cost
 from neurotact.spec import Spec

@@ -18,10 +18,17 @@ from neurotact_parts.studies.touch_modality import figures
 from neurotact_parts.studies.touch_modality.datasets import STEP_COUNTS, TOUCH_SAMPLES, dataset_c, window_bounds
 from neurotact_parts.studies.touch_modality.folds import Fold
 from neurotact_parts.studies.touch_modality.recurrent import LSTM, GRUClassifier, LSTMClassifier, fit_snapshots
-from neurotact_parts.studies.touch_modality.touches import TouchData, folds_of, seed_of, touches_of, typical
+from neurotact_parts.studies.touch_modality.touches import (
+    TouchData,
+    fit_standardisation,
+    folds_of,
+    seed_of,
+    touches_of,
+    typical,
+)
 from pydantic import Field
 
-from neurotact.data.conditioning import Conditioner, ConditioningSpec, ema, ema_coefficient, fit_standardisation
+from neurotact.data.conditioning import Conditioner, ConditioningSpec, ema, ema_coefficient
 from neurotact.figures.style import Drawn
 from neurotact.metrics.flops import Cost, Dense, Moments, cost
 from neurotact.spec import Spec

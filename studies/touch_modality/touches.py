@@ -1,6 +1,6 @@
 """The touches that the studies of this paper share: Dataset A, read or simulated, and its folds."""
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from typing import Literal, NamedTuple
 
 import numpy as np
@@ -105,3 +105,19 @@ def folds_of(protocol: Literal["paper", "honest"], data: TouchData, arrays: Arra
 def seed_of(seed: int, *key: int) -> int:
     """A separate random seed for each key, such as a fold and a run."""
     return int(np.random.SeedSequence(seed, spawn_key=(1, *key)).generate_state(1)[0] % 2**31)
+
+
+def fit_standardisation(signals: Sequence[np.ndarray]) -> tuple[tuple[float, ...], tuple[float, ...]]:
+    """`(offset, scale)`: mean and standard deviation of each taxel over training trials.
+
+    A constant taxel gets scale 1, so that it stays silent and finite.
+
+    >>> fit_standardisation([np.array([[1.0, 5.0], [3.0, 5.0]])])
+    ((2.0, 5.0), (1.0, 1.0))
+    """
+    n_samples = sum(len(s) for s in signals)
+    mean = sum(s.sum(axis=0, dtype=np.float64) for s in signals) / n_samples
+    variance = sum(((s - mean) ** 2).sum(axis=0, dtype=np.float64) for s in signals) / n_samples
+    deviation = np.sqrt(variance)
+    still = deviation <= 1e-12 * np.maximum(1.0, np.abs(mean))
+    return tuple(np.asarray(mean).tolist()), tuple(np.where(still, 1.0, deviation).tolist())

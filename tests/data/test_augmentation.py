@@ -245,7 +245,7 @@ def test_a_file_holds_recordings_and_no_spikes_of_copies_and_the_copies_are_the_
     path, again = tmp_path / "spikes.h5", tmp_path / "again.h5"
     hdf5.save_spikes(ENCODED.select([4, 1, 2]), path)
     with h5py.File(path) as file:
-        assert len(file["spikes/times"]) == 3
+        assert len(file["spikes/lengths"]) == 3
     read = hdf5.load_spikes(path)
     assert read.variations is not None
     assert ENCODED.variations is not None
@@ -267,7 +267,7 @@ def test_a_file_of_an_earlier_version_has_the_spikes_of_its_copies(tmp_path):
     stored = varied._replace(source=StoredCopies(varied.trains), places=np.arange(len(varied.of)))
     hdf5.save_spikes(replace(ENCODED, variations=stored), tmp_path / "spikes.h5")
     with h5py.File(tmp_path / "spikes.h5") as file:
-        assert len(file["spikes/times"]) == 6 + 36
+        assert len(file["spikes/lengths"]) == 6 + 36
         assert "copied" not in file
     read = hdf5.load_spikes(tmp_path / "spikes.h5")
     assert events(read) == events(ENCODED)

@@ -18,7 +18,6 @@ from neurotact.data.conditioning import (
     conditioned_length,
     ema,
     ema_coefficient,
-    fit_standardisation,
 )
 from neurotact.data.recordings import Recordings
 from neurotact.data.windows import WindowSpec, cut
@@ -237,25 +236,9 @@ def test_the_baseline_is_that_of_each_taxel_of_each_trial():
             np.testing.assert_allclose(signal, original - original.mean(axis=0), atol=1e-5)
 
 
-@given(st.lists(SIGNALS.map(lambda s: s[:, :1]), min_size=1, max_size=4))
-def test_standardised_training_trials_have_mean_0_and_deviation_1(signals):
-    offset, scale = fit_standardisation(signals)
-    felt = (np.concatenate(signals) - offset) / scale
-    if np.concatenate(signals).std() > 1e-3:
-        assert felt.mean() == pytest.approx(0.0, abs=1e-6)
-        assert felt.std() == pytest.approx(1.0, rel=1e-6)
-
-
-@given(st.lists(st.integers(1, 9), min_size=1, max_size=4), VALUES)
-def test_a_taxel_that_never_moves_stays_silent(lengths, level):
-    offset, scale = fit_standardisation([np.full((n, 2), level) for n in lengths])
-    assert scale == (1.0, 1.0)
-    np.testing.assert_allclose(offset, level, rtol=1e-12)
-
-
 def test_other_trials_are_standardised_by_the_training_trials():
     train, test = np.random.default_rng(3).normal([1.0, 50.0], [2.0, 5.0], (2, 4000, 2))
-    offset, scale = fit_standardisation([train])
+    offset, scale = (tuple(values.tolist()) for values in (train.mean(axis=0), train.std(axis=0)))
     felt = condition(skin([train, test]), ConditioningSpec(offset=offset, scale=scale))
     assert felt.unit == "sd"
     np.testing.assert_allclose(felt.signals[0].mean(axis=0), 0.0, atol=1e-4)
@@ -307,10 +290,10 @@ FLOAT32 = st.tuples(st.integers(1, 60), st.integers(1, 3)).flatmap(
     signal=FLOAT32, values=st.integers(1, 40), cutoff_Hz=st.none() | st.just(10.0), baseline=st.sampled_from(
         ["none", "mean", "start", "high-pass"]
     ), clock_Hz=st.none() | st.sampled_from([100.0, 1000.0, 35.6, 3.0, 99.0, 101.0]), is_scaled=st.booleans(),
-    rectify=st.booleans(), unit=st.sampled_from(["mV", "V"]),
+    rectify=st.booleans(), unit=st.sampled_from(["mV", "V"]), n_steps=st.integers(1, 600),
 )  # fmt: skip
-def test_a_trial_conditioned_in_pieces_is_that_conditioned_whole(
-    signal, values, cutoff_Hz, baseline, clock_Hz, is_scaled, rectify, unit
+def test_a_trial_conditioned_in_pieces_or_from_its_start_is_that_conditioned_whole(
+    signal, values, cutoff_Hz, baseline, clock_Hz, is_scaled, rectify, unit, n_steps
 ):
     n_channels = signal.shape[1]
     options = {"ema_cutoff_Hz": cutoff_Hz, "resample_Hz": clock_Hz, "baseline": baseline, "rectify": rectify}
@@ -320,9 +303,31 @@ def test_a_trial_conditioned_in_pieces_is_that_conditioned_whole(
     with patch.object(conditioning, "PIECE_VALUES", values):
         whole = condition(touch.to_unit(unit), how).signals[0]
         pieces = list(condition_pieces(touch, 0, how, unit))
+        start = list(condition_pieces(touch, 0, how, unit, n_steps))
+    np.testing.assert_array_equal(np.concatenate(start), whole[:n_steps], strict=True)
     assert max(p.shape[0] for p in pieces) <= max(1, values // n_channels)
     assert len(whole) == conditioned_length(len(signal), 100.0, clock_Hz)
     np.testing.assert_array_equal(np.concatenate(pieces), whole, strict=True)
+
+
+@pytest.mark.parametrize(
+    ("baseline", "clock_Hz", "most"), [("start", None, 41), ("none", 200.0, 21), ("mean", None, 60)]
+)
+def test_of_a_trial_no_more_is_read_than_the_steps_need(baseline, clock_Hz, most, monkeypatch):
+    read, piece = [], Recordings.piece
+    monkeypatch.setattr(Recordings, "piece", lambda *call: read.append(call[3]) or piece(*call))
+    touch = skin([np.ones((60, 2))], rate_Hz=100.0)
+    list(condition_pieces(touch, 0, ConditioningSpec(baseline=baseline, resample_Hz=clock_Hz), n_steps=40))
+    assert max(read) == most
+
+
+@given(signal=FLOAT32, coefficient=st.floats(1e-4, 1), size=st.none() | st.integers(1, 7), is_begun=st.booleans())
+def test_the_compiled_average_is_that_of_scipy_to_the_last_bit(signal, coefficient, size, is_begun):
+    signals = signal if size is None else np.stack([signal * np.float32(k) for k in range(size)])[..., ::-1]
+    before = np.float32(0.7) - signals[..., -1, :] if is_begun else None
+    smooth = ema(signals, coefficient, before)
+    with patch.object(conditioning, "native", None):
+        np.testing.assert_array_equal(smooth, ema(signals, coefficient, before), strict=True)
 
 
 def test_a_slower_clock_holds_no_more_of_the_signal_at_once(monkeypatch):

@@ -15,9 +15,16 @@ from hypothesis import strategies as st
 from hypothesis.extra import numpy as hnp
 
 from neurotact.data import hdf5, hdf5_input
-from neurotact.data.hdf5 import load_recordings, load_spikes, open_recordings, save_recordings, save_spikes
+from neurotact.data.hdf5 import (
+    load_recordings,
+    load_spikes,
+    open_recordings,
+    save_recordings,
+    save_spikes,
+    spike_writer,
+)
 from neurotact.data.recordings import Recordings
-from neurotact.data.spikes import SpikeTrains, from_rasters
+from neurotact.data.spikes import SpikeTrains, TrialSpikes, from_rasters
 from neurotact.errors import InputError
 
 TEXT = st.text(st.characters(exclude_categories=["Cs"], exclude_characters="\x00"), max_size=12)
@@ -118,13 +125,64 @@ def small_trains() -> SpikeTrains:
     return from_rasters(rasters, 1000.0, names, pd.DataFrame({"label": ["felt", "silk"]}))
 
 
-def test_spikes_lie_as_in_the_heidelberg_digits(tmp_path):
+def test_spikes_lie_end_to_end(tmp_path):
     save_spikes(small_trains(), tmp_path / "spikes.h5")
     with h5py.File(tmp_path / "spikes.h5") as file:
-        assert file["spikes/times"][0].tolist() == [0.0, 0.001, 0.002, 0.003]
-        assert file["spikes/units"][1].tolist() == [0, 1, 2, 3]
+        assert file["spikes/steps"][()].tolist() == file["spikes/units"][()].tolist() == [0, 1, 2, 3] * 2
+        assert file["spikes/lengths"][()].tolist() == [4, 4]
         assert file["labels"][()].tolist() == [0, 1]
         assert file.attrs["dt_s"] == 0.001
+
+
+def as_earlier(file: h5py.File) -> None:
+    """The spikes of a file as earlier versions wrote them: a row of variable length for each trial, as in the SHD."""
+    ends = np.cumsum(file["spikes/lengths"][()])[:-1]
+    times, units = file["spikes/steps"][()] / file.attrs["sampling_rate_Hz"], file["spikes/units"][()]
+    del file["spikes"], file.attrs["layout"]
+    for name, values, kind in (("times", times, np.float64), ("units", units, np.uint16)):
+        rows = file.create_dataset(f"spikes/{name}", (len(ends) + 1,), h5py.vlen_dtype(kind))
+        for trial, row in enumerate(np.split(values, ends)):
+            rows[trial] = row
+    for name in file["conditions"]:
+        column = file["conditions"][name]
+        if column.dtype.kind == "S":
+            replaced(f"conditions/{name}", column.asstr()[()])(file)
+
+
+@given(trains=spike_trains())
+def test_files_of_earlier_versions_are_read(tmp_path, trains):
+    path = tmp_path / "spikes.h5"
+    save_spikes(trains, path)
+    now = load_spikes(path)
+    with h5py.File(path, "a") as file:
+        as_earlier(file)
+    before = load_spikes(path)
+    for name in ("steps", "units"):
+        for one, other in zip(getattr(before, name), getattr(now, name), strict=True):
+            np.testing.assert_array_equal(one, other, strict=True)
+    pd.testing.assert_frame_equal(before.conditions, now.conditions)
+
+
+def test_steps_of_any_kind_of_integer_are_read_as_int64(tmp_path):
+    path = broken(tmp_path, save_spikes, replaced("spikes/steps", np.array([0, 1, 2, 3] * 2, np.uint16)))
+    assert {steps.dtype for steps in load_spikes(path).steps} == {np.dtype(np.int64)}
+
+
+def test_spikes_and_tables_of_many_trials_are_small(tmp_path):
+    """At most 2.5 bytes a spike where there are 50 in a trial, of which a time and a unit took 10 alone."""
+    rng = np.random.default_rng(0)
+    n_trials, n_spikes = 2000, 50
+    trials = [TrialSpikes(np.sort(rng.integers(0, 1000, n_spikes)), rng.integers(0, 16, n_spikes), 1000)] * n_trials
+    conditions = pd.DataFrame({"label": ["felt", "silk"] * 1000, "speed": np.repeat([1.5, 2.5], 1000)})
+    path, names = tmp_path / "spikes.h5", tuple(f"SA-I {taxel}" for taxel in range(16))
+    with spike_writer(path, conditions, 1000.0, names, {}, "") as writer:
+        for trial in trials:
+            writer.append(trial)
+    assert path.stat().st_size < 2.5 * n_trials * n_spikes
+    again = load_spikes(path)
+    for trial in (0, 999, 1000, 1999):
+        assert (again.steps[trial] == trials[trial].steps).all()
+        assert (again.units[trial] == trials[trial].units).all()
 
 
 @pytest.fixture(scope="module", params=["recordings", "spikes"])
@@ -223,6 +281,7 @@ def vlen(*trials, kind=np.float64):
 
 def events(name, *trials, kind=np.float64):
     def change(file: h5py.File) -> None:
+        as_earlier(file)
         del file[name]
         file.create_dataset(name, data=vlen(*trials, kind=kind), dtype=h5py.vlen_dtype(kind))
 
@@ -239,6 +298,17 @@ def events(name, *trials, kind=np.float64):
         (events("spikes/times", [0, 0, 0], [0, 0, 0, 0]), "trial 0 has spikes"),
         (events("spikes/units", [0, 1, 2, 4], [0, 1, 2, 3], kind=np.uint16), "trial 0 has spikes"),
         (events("spikes/units", [0, 1, 2, 3], [0, 1, 2, -3], kind=np.int64), "trial 1 has spikes"),
+        (replaced("spikes/steps", [0, 1, 2, 4, 0, 1, 2, 3]), "trial 0 has spikes"),
+        (replaced("spikes/steps", [0, 1, 2, 3, 0, 2, 1, 3]), "trial 1 has spikes out of order"),
+        (replaced("spikes/steps", [0, 1, 2, 3, -1, 0, 1, 2]), "trial 1 has spikes"),
+        (replaced("spikes/steps", np.zeros(8)), "cannot be read as spikes"),
+        (replaced("spikes/units", [0, 1, 2, 4, 0, 1, 2, 3]), "trial 0 has spikes"),
+        (replaced("spikes/units", [0, 1, 2]), "holds 8 and 3 spikes of 8; it is damaged"),
+        (replaced("spikes/lengths", [4, 5]), "holds 8 and 8 spikes of 9; it is damaged"),
+        (replaced("spikes/lengths", [9, -1]), "holds 8 and 8 spikes of 8; it is damaged"),
+        (replaced("spikes/lengths", [8]), "differ in number of trials"),
+        (lambda f: f.attrs.update(layout=3), "has layout 3, of a later neurotact; update this one"),
+        (lambda f: f.attrs.update(layout="new"), "cannot be read as spikes"),
         (lambda f: f.attrs.update(sampling_rate_Hz=np.nan), "sampling_rate_Hz must be a positive number"),
         (lambda f: f.pop("labels") and f.pop("trial_steps"), "cannot be read as spikes"),
         (lambda f: f.attrs.update(touch_s=-0.1), "touch_s: must be a time in s, at least 0"),
@@ -305,6 +375,7 @@ def inflated(times):
 
 def one_row_many_times(file: h5py.File) -> None:
     """Rows that all point to the same megabyte of the file: a few bytes each, and together far more than the file."""
+    as_earlier(file)
     n_rows, row = 2000, np.zeros(131_072)
     for name in ("spikes/times", "spikes/units", "trial_steps", "conditions/label", "labels"):
         del file[name]
@@ -424,9 +495,14 @@ SPIKE_BOMBS = {
     "one row many times": (one_row_many_times, "MB, more than the limit of 512 MB"),
     "times that are no times": (events("spikes/times", [np.nan] * 4, [np.inf] * 4), "trial 0 has spikes"),
     "rows of texts": (
-        both(lambda f: f.pop("spikes/units"), declared("spikes/units", (2,), h5py.string_dtype())),
+        both(as_earlier, declared("spikes/units", (2,), h5py.string_dtype())),
         "spikes/units does not hold rows of numbers",
     ),
+    "many spikes": (
+        both(declared("spikes/steps", (10**9,), np.int64), replaced("spikes/lengths", [10**9, 0])),
+        "holds 8,000 MB, more than the limit of 512 MB",
+    ),
+    "lengths that overflow": (replaced("spikes/lengths", [2**62, 2**62, 2**62, 2**62 + 8]), "it is damaged"),
     "an encoder that is no table": (
         lambda f: f.attrs.update(encoder="[]"),
         "cannot be read as spikes (holds [] where a table is expected)",

@@ -547,6 +547,53 @@ def test_the_baseline_that_is_chosen_is_fitted_as_if_it_had_been_given():
     assert calibrate_causally(recordings, SPEC, rule=RULE).encoder == given.encoder
 
 
+@pytest.mark.parametrize("integration", ["clock", "exact"])
+def test_fits_that_share_their_trials_are_those_of_each_alone(integration):
+    recordings, fits, alone = slides(rate_Hz=500.0), [], calibrate
+    spec = specs.load(AfferentSpec, "sa1-ra1-lif", {"integration": integration, "conditioning.resample_Hz": 1000.0})
+
+    def spied(recordings, spec, *given, **how):
+        fits.append((spec, alone(recordings, spec, *given, **how)))
+        return fits[-1][1]
+
+    with (
+        patch("neurotact.encoders.calibration.calibrate", spied),
+        patch.object(gain_search, "_fire", side_effect=gain_search._fire) as fire,
+    ):
+        calibrate_causally(recordings, spec, rule=RULE, choose_ema=True, choose_opposite=True)
+    assert len(fits) > 6
+    with patch.object(gain_search, "_fire", side_effect=gain_search._fire) as fire_alone:
+        for start, found in fits:
+            again = calibrate(recordings, start, rule=RULE, steady=True)
+            assert (found.encoder, found.notes) == (again.encoder, again.notes)
+            pd.testing.assert_frame_equal(found.table, again.table)
+            pd.testing.assert_frame_equal(found.isi, again.isi)
+            assert (found.rates.tobytes(), found.rates_ra.tobytes()) == (
+                again.rates.tobytes(),
+                again.rates_ra.tobytes(),
+            )
+    assert _n_fired(fire, "RA-I") < _n_fired(fire_alone, "RA-I")
+    assert _n_fired(fire, "SA-I") == _n_fired(fire_alone, "SA-I")
+
+
+def _n_fired(fire, name) -> int:
+    return sum(one.name == name for call in fire.call_args_list for one in call.args[2])
+
+
+def test_trials_are_drawn_once_for_all_fits_and_cut_once_for_each_conditioning():
+    with (
+        patch("neurotact.encoders.calibration.numbers_of", side_effect=numbers_of) as drawn,
+        patch("neurotact.encoders.calibration.cut", side_effect=cut) as conditioned,
+    ):
+        calibrate_causally(slides(), SPEC, rule=RULE, choose_opposite=True)
+    assert (drawn.call_count, conditioned.call_count) == (1, 3)
+
+
+def test_a_search_passes_by_the_first_candidates_at_which_hardly_anything_fires():
+    silent, rule = {"silent_share": 1.0, "floor_share": 0.0}, CalibrationRule()
+    assert [gain_search.following(rows, rule) for rows in ({}, {7: silent})] == [7, 11]
+
+
 @settings(max_examples=10)
 @given(st.integers(0, 9), st.integers(2, 12), st.integers(0, 11))
 def test_a_trial_that_is_left_out_changes_no_other_draw(seed, per_class, left_out):

@@ -7,9 +7,10 @@ from hypothesis import given
 from hypothesis import strategies as st
 from levels import examples
 
+from neurotact.data.conditioning import Baseline
 from neurotact.data.recordings import Recordings
 from neurotact.encoders import scaling
-from neurotact.encoders.scaling import QUIET, fit, tells_classes
+from neurotact.encoders.scaling import QUIET, highest_of, spread_of, tells_classes
 from neurotact.errors import InputError
 
 CLASSES, TRIALS, SAMPLES = 3, 12, 60
@@ -43,10 +44,11 @@ def still(label, rng):
     return np.full(SAMPLES, 7.0)
 
 
-def fitted(excerpts, labels=LABELS, baseline="start"):
+def fitted(excerpts, labels=LABELS, baseline: Baseline = "start"):
     names = tuple(f"t{index}" for index in range(excerpts[0].shape[1]))
     table = pd.DataFrame({"label": [f"class {label}" for label in labels]})
-    return fit(Recordings(excerpts, 100.0, "count", table, names, "made"), excerpts, baseline)
+    recorded = Recordings(excerpts, 100.0, "count", table, names, "made")
+    return spread_of(recorded, excerpts, highest_of(recorded)).scaling(baseline)
 
 
 @pytest.mark.parametrize("taxel", [level, vibration, pace])
@@ -77,6 +79,27 @@ def test_noise_beside_a_live_taxel_stays_small(taxel):
     assert found.scale[1] == pytest.approx(QUIET * found.scale[0], rel=1e-5)
     assert found.noise == ("t1",)
     assert found.small == ()
+
+
+@given(st.integers(0, 2**32 - 1), st.integers(1, 4), st.sampled_from([0.0, 1e-4, 0.05, 1.0]), st.floats(-1e3, 1e3))
+def test_what_is_taken_of_excerpts_one_by_one_is_that_of_all(seed, n_taxels, small, zero):
+    rng = np.random.default_rng(seed)
+    size, own = np.array([*[1.0] * n_taxels, small]), rng.normal(0, 1, (TRIALS, n_taxels + 1))
+    excerpts = [
+        zero + size * rng.normal(level, 1, (n, level.size))
+        for n, level in zip(rng.integers(2, 40, TRIALS), own, strict=True)
+    ]
+    excerpts = [signal.astype(np.float32) for signal in excerpts]
+    names, labels = [f"t{index}" for index in range(n_taxels + 1)], np.arange(TRIALS) % 2
+    recorded = Recordings(excerpts, 100.0, "count", pd.DataFrame({"label": labels.astype(str)}), tuple(names))
+    spread, every = spread_of(recorded, excerpts, highest_of(recorded)), np.concatenate(excerpts).astype(np.float64)
+    deviation = every.std(axis=0)
+    still = np.abs(every - every.mean(axis=0)).max(axis=0) <= scaling.ROUNDING * np.abs(every).max(axis=0)
+    quiet = still | (deviation < QUIET * deviation[~still].max())
+    told = tells_classes(excerpts, labels)
+    assert spread.mean == pytest.approx(every.mean(axis=0), abs=1e-9)
+    assert (spread.noise.tolist(), spread.small.tolist()) == ((quiet & ~told).tolist(), (quiet & told).tolist())
+    assert spread.scale == pytest.approx(np.where(spread.noise, QUIET * deviation.max(), deviation), rel=1e-9)
 
 
 def test_it_is_the_classes_that_count_and_not_the_shape():
@@ -123,3 +146,10 @@ def test_without_a_baseline_rest_lies_below_the_level_of_every_taxel_but_noise()
 def test_trials_that_never_move_are_refused():
     with pytest.raises(InputError, match="made: the conditioned training trials are constant"):
         fitted(touches(still, still))
+
+
+@pytest.mark.parametrize("sign", [-1, 1])
+def test_one_sample_to_either_side_is_no_constant(sign):
+    excerpts = [np.full((SAMPLES, 1), 1000.0) for _ in LABELS]
+    excerpts[3][7] += sign * 0.1
+    assert fitted(excerpts).scale[0] > 0

@@ -61,9 +61,11 @@ def test_signals_that_do_not_fit_in_memory_are_read_anew_in_the_same_groups():
         groups = Groups(signals, 1.0)
         assert all(one is other for one, other in zip(groups, groups, strict=True))
         held = [group.n_samples.tolist() for group in groups]
+        assert [signal.tolist() for signal in groups.signals] == [signal.tolist() for signal in signals]
         with patch.object(tally, "HELD_PIECES", 0):
             anew = Groups(signals, 1.0)
             assert next(iter(anew)) is not next(iter(anew))
+            assert anew.signals is signals
             assert [[group.n_samples.tolist() for group in anew] for _ in range(2)] == [held, held]
     assert held == [[3], [30], [4, 5], [50]]
 

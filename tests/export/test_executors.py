@@ -15,7 +15,7 @@ from neurotact_parts.encoders.send_on_delta import SendOnDeltaSpec
 from neurotact_parts.exporters.c import c_export, proof
 from neurotact_parts.exporters.nir import compare, note
 from neurotact_parts.exporters.snntorch import to_snntorch
-from neurotact_parts.streams.chain import Chain, chain_of
+from neurotact_parts.streams.chain import WITHOUT_END, Chain, chain_of
 from neurotact_parts.streams.stream import Stream
 
 import neurotact as nt
@@ -93,6 +93,7 @@ NETWORKS = {
     "readout of stretches": READOUTS["stretches"],
     NO_LAYER: {**READOUTS["integrator"], "hidden": 0},
     PAST: {**READOUTS["integrator"], "direct": True},
+    IN_TIME: READOUTS["integrator"],
 }
 RULES = {
     "exit by patience": ExitRule(5, from_first_spike=True),
@@ -153,9 +154,13 @@ def chain_with(feature: str) -> Chain:
     given_Hz = (
         None if feature == EVENTS else 400.0 if feature in ("resampling", "membranes in closed form") else RATE_Hz
     )
-    return chain_of((encoder, network), nt.Streamed(sampling_rate_Hz=given_Hz, length_ms=40))._replace(
-        rule=rule, detector=DetectorSpec(threshold=0, steps=1) if feature == IN_TIME else None
-    )
+    chain = chain_of((encoder, network), nt.Streamed(sampling_rate_Hz=given_Hz, length_ms=40))._replace(rule=rule)
+    if feature == IN_TIME:
+        assert network.bias is not None
+        with torch.no_grad():
+            network.bias[0] = -3.0  # another label comes into force
+        return chain._replace(detector=DetectorSpec(threshold=0, steps=1), windows=WITHOUT_END)
+    return chain
 
 
 def subject_with(feature: str) -> Subject:

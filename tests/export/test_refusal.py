@@ -288,12 +288,23 @@ def test_the_last_training_refuses_by_the_rule_that_one_before_it_chose(monkeypa
     assert found.refusal != trainer.refusal_of(network, own.rule, side, task)
 
 
-def test_a_share_that_needs_more_trials_is_a_caution(made):
+def test_a_share_that_needs_more_trials_is_a_caution_and_said_of_each_report(made, capsys):
     settings, folder = {"hidden": 2, "training.epochs": 1}, made[0]
     options = {"window": nt.Window(length_ms=40), "learn": nt.Learn(refuse=0.01)}
-    result = nt.train(folder / "spikes.h5", folder / "few", "rsnn", settings, **options)
+    told: list[object] = []
+    result = nt.train(folder / "spikes.h5", folder / "few", "rsnn", settings, tell=told.append, **options)
+    assert not any("none of these" in str(line) for line in told)  # once is enough
     assert any("nothing is refused: 1 % of known touches need 99" in line for line in result["cautions"])
     assert (result["answered"], result["accuracy_answered"]) == (1.0, result["accuracy_test"])
+    capsys.readouterr()
+    nt.infer(folder / "few", folder / "spikes.h5")
+    assert capsys.readouterr().err.count("nothing is refused: 1 % of known touches need 99") == 1
+    saved = folder / "few" / "network.json"
+    table = json.loads(saved.read_text())
+    table["extra"]["refusal"]["whole"] = 1.0
+    saved.write_text(json.dumps(table))
+    nt.infer(folder / "few", folder / "spikes.h5")
+    assert "refused" not in capsys.readouterr().err
 
 
 def test_numbers_are_not_refused(made):

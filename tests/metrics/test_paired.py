@@ -99,3 +99,10 @@ def test_shares_far_apart_are_clear():
 def test_other_trials_are_refused(n, m):
     with pytest.raises(InputError, match="give the same trials"):
         paired.compare(np.zeros(n), np.zeros(m))
+
+
+@given(st.one_of(st.floats(0, 1), st.floats(0.0499, 0.0501), st.sampled_from([0.05, np.nextafter(0.05, 0)])))
+def test_a_probability_is_written_on_the_side_of_the_level_on_which_it_is(p):
+    told = float(paired.p_in_words(p).removeprefix("p < ").removeprefix("p = "))
+    assert (told < paired.LEVEL) == (p < paired.LEVEL)
+    assert (told == paired.LEVEL) == (p == paired.LEVEL)

@@ -1,6 +1,5 @@
 """Copies of trials from the import to the decision: named, on one side, counted once, recognised under another name."""
 
-import json
 import sys
 
 import numpy as np
@@ -13,7 +12,7 @@ from neurotact.data.hdf5 import save_spikes
 from neurotact.data.spikes import from_rasters
 from neurotact.errors import InputError
 from neurotact.networks.definition.specs import RSNNSpec, TrainingSpec
-from neurotact.networks.training import resumable, tasks
+from neurotact.networks.training import resumable, run_folder, tasks
 from neurotact.networks.use.classifier import SpikingClassifier
 
 NAMES = ("SA-I a", "SA-I b", "RA-I a", "RA-I b")
@@ -58,11 +57,11 @@ def test_copies_are_named_at_import_counted_in_training_and_known_by_infer(typed
     _, printed, said = typed("train", tmp_path / "s.h5", "-o", tmp_path / "r", "--set", "training.epochs=1")
     assert "32 of 48 trials are copies of others (neurotact info); copies are on one side, and intervals" in said
     assert ", 2 test trials)" in printed
-    sides = json.loads((tmp_path / "r/network.json").read_text())["extra"]["trials"]
+    sides = [side for _, side in run_folder.restore(tmp_path / "r").provenance.trials]
     for kind in ("recorded", "spikes"):
-        digests = [set(side[kind]) for side in sides.values()]
+        digests = [set(getattr(side, kind)) for side in sides]
         assert sum(map(len, digests)) == len(set.union(*digests)) == 16
-        assert [len(side[kind]) for side in sides.values()] == [3 * len(each) for each in digests]
+        assert [len(getattr(side, kind)) for side in sides] == [3 * len(each) for each in digests]
     for path in (tmp_path / "in").glob("*/*_copy.csv"):
         path.rename(path.with_name(f"z{path.name}"))
     for path in (tmp_path / "in").glob("*/[0-7].csv"):

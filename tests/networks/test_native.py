@@ -200,6 +200,15 @@ def test_windows_no_longer_than_the_delays_agree(membrane, reset, delay, n_steps
     compare(net, spikes(5, n_steps, density=0.8))
 
 
+@pytest.mark.parametrize("hidden", [66, 72])
+def test_a_step_in_which_every_neuron_spikes_agrees(hidden):
+    """Its list of events is as long as a list can be, and nothing behind it may be written over."""
+    net = network(16, hidden)
+    with torch.no_grad():
+        net.w_in.fill_(1.0)
+    compare(net, torch.ones(5, 20, 16), isas=native.isas())
+
+
 @pytest.mark.slow
 @pytest.mark.parametrize("membrane", get_args(Membrane))
 def test_the_widest_layer_agrees(membrane):

@@ -132,6 +132,7 @@ def test_a_network_that_refuses_touches_refuses_none_with_another_readout(place,
         ({"touched": "spikes.h5"}, "spikes.h5: has no class that the network does not know"),
         ({"run": "counting"}, "readout is no sum of spikes"),
         ({"touched": "slow.h5"}, "sampled at 500 Hz"),
+        ({"touched": "other.h5"}, "encode the recordings as in training$"),  # learn has no option to allow it
     ],
 )
 def test_what_cannot_be_learned_is_refused(place, tmp_path, change, said):
@@ -140,6 +141,8 @@ def test_what_cannot_be_learned_is_refused(place, tmp_path, change, said):
         nt.train(place / "spikes.h5", place / "counting", "rsnn", counting, window=WINDOW)
     slow = from_rasters(rasters_of(["wool"] * 2), 500.0, NAMES, pd.DataFrame({"label": ["wool"] * 2}))
     nt.save(slow, place / "slow.h5", force=True)
+    other = from_rasters(rasters_of(["wool"] * 2), 1000.0, NAMES[::-1], pd.DataFrame({"label": ["wool"] * 2}))
+    nt.save(other, place / "other.h5", force=True)
     given_ = {"run": "run", "touched": "wool.h5"} | change
     run, touched = place / str(given_.pop("run")), place / str(given_.pop("touched"))
     with pytest.raises(nt.InputError, match=said):

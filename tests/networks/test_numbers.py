@@ -141,9 +141,22 @@ def test_every_side_has_its_share_of_similar_numbers():
     assert tasks.trials_of(one_class, Task(window=WINDOW, target=("force_N",))).test.tolist() == split.test.tolist()
 
 
+def test_numbers_with_zeros_at_their_beginning_are_numbers():
+    """File names give texts such as 03 and 012, whose order as texts is another."""
+    of_numbers = CONDITIONS.assign(force_N=np.random.default_rng(4).permutation(TRIALS))
+    written = of_numbers.assign(force_N=[f"0{force}" for force in of_numbers["force_N"]])
+    task = Task(window=WINDOW, target=("force_N",))
+    ours, theirs = (tasks.trials_of(touches(table), task) for table in (written, of_numbers))
+    assert all(map(np.array_equal, ours, theirs))
+    assert np.array_equal(numbers.of_trials(written, ["force_N"]), numbers.of_trials(of_numbers, ["force_N"]))
+    with pytest.raises(InputError, match="all training trials have force_N = 7"):
+        tasks.trials_of(touches(CONDITIONS.assign(force_N="07")), task)
+
+
 @pytest.mark.parametrize(
     ("target", "column", "message"),
     [
+        ("wet", ["01", "2 N"], "target: condition 'wet' holds no numbers, such as '01'"),
         ("forc_N", None, "target: there is no condition 'forc_N'; did you mean 'force_N'?"),
         ("label", None, "target: condition 'label' holds no numbers, such as 'felt'; leave `target` out"),
         ("wet", [True, False], "target: condition 'wet' holds no numbers"),

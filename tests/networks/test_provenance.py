@@ -13,7 +13,7 @@ from neurotact.data.recordings import Recordings
 from neurotact.data.splits import Split
 from neurotact.encoders import specs as encoders
 from neurotact.encoders.encoding import encode_recordings
-from neurotact.networks.training.provenance import Provenance, first_difference, provenance_of
+from neurotact.networks.training.provenance import SIDES, Provenance, first_difference, provenance_of
 
 SPLIT = Split(np.array([0, 1, 2]), np.array([3]), np.array([4, 5]))
 AFFERENTS = ("SA-I taxel1", "RA-I taxel1")
@@ -112,10 +112,34 @@ def test_silent_trials_of_other_recordings_are_not_known():
     assert set(provenance_of(first, SPLIT).sides(other)) == {"unseen"}
 
 
-def test_provenance_comes_back_equal_from_json():
-    known = provenance_of(trains_of(), SPLIT)
-    again = Provenance.model_validate(json.loads(json.dumps(known.model_dump(mode="json"))))
-    assert again == known
+@given(
+    digests=st.lists(st.text("0123456789abcdef", min_size=16, max_size=16), max_size=4)
+    | st.lists(st.text(), max_size=4)
+)
+def test_provenance_comes_back_equal_from_json_and_from_lists_of_earlier_versions(digests):
+    sides = {
+        side: {"recorded": digests[::step], "spikes": digests[:step]}
+        for side, step in zip(SIDES, (1, -1, 2), strict=True)
+    }
+    listed = {"encoder": {}, "afferents": AFFERENTS, "trials": sides}
+    known = Provenance.model_validate(listed)
+    assert known.model_dump() == Provenance.model_validate(json.loads(known.model_dump_json())).model_dump()
+    for side, its in known.trials:
+        assert [list(its.recorded), list(its.spikes)] == [*sides[side].values()]
+
+
+def test_a_trial_takes_22_bytes_of_the_file():
+    digests = [f"{number:016x}" for number in range(1000)]
+    trials = {side: {"recorded": digests, "spikes": digests} for side in SIDES}
+    text = json.dumps(Provenance(encoder={}, afferents=(), trials=trials).model_dump(mode="json"), indent=2)
+    assert len(text) < 3 * 1000 * 22
+
+
+@pytest.mark.parametrize("text", ["AAAA", "AAAAAAAAAA", "%" * 12])
+def test_digests_that_are_damaged_are_refused(text):
+    trials = {side: {"spikes": text} for side in SIDES}
+    with pytest.raises(ValueError, match="spikes"):
+        Provenance(encoder={}, afferents=(), trials=trials)
 
 
 # --- encoders ----------------------------------------------------------------------------------------

@@ -6,6 +6,7 @@ at t + 4 (eq4: current, membrane, spike), unless the neuron has just spiked and 
 """
 
 import json
+import re
 from dataclasses import replace
 
 import numpy as np
@@ -394,6 +395,24 @@ def test_spikes_of_other_afferents_are_refused(made):
     wide = replace(trains, afferents=(*NAMES, "RA-I taxel2"))
     with pytest.raises(InputError, match="come from 3 afferents but the network was trained on 2"):
         infer(restored, wide, allow_other_encoder=True)
+
+
+@pytest.mark.parametrize("below", ["seed-0-fold-{}", "cells/digest{}"])
+def test_a_folder_of_trainings_says_what_it_is_and_names_one(tmp_path, below):
+    """As of folds, and of a study."""
+    trains, place = trains_of(*[(STEADY, 0), (SILENT, 1)] * 10), tmp_path / "run"
+    task = Task(window={"length_ms": N_STEPS})
+    for fold in (1, 0):
+        run_folder.save(fitted(), place / below.format(fold), trains, tmp_path / "two.h5", task)
+        several = "2 trainings in folders of their own" if fold == 0 else "a training in its own folder"
+        said = f"{place}: is no network, but holds {several}; name one, such as {place / below.format(fold)}"
+        with pytest.raises(InputError, match=re.escape(said)):
+            run_folder.restore(place)
+    run_folder.save(fitted(), place, trains, tmp_path / "two.h5", task)
+    assert run_folder.restore(place).task == task
+    (tmp_path / "empty").mkdir()
+    with pytest.raises(InputError, match=r"empty/network\.json"):
+        run_folder.restore(tmp_path / "empty")
 
 
 # --- networks of earlier versions ------------------------------------------------------------------------

@@ -3,6 +3,7 @@
 import pandas as pd
 import pytest
 
+from neurotact.metrics.referee import Verdict
 from neurotact.report import front, sentences
 from neurotact.report.answer import Baseline, Decision, Network, Priced, Trials, answer
 from neurotact.report.networks import _baselines_table
@@ -46,6 +47,20 @@ def outcome(svm, network=0.9):
 def test_a_sentence_tells_a_loss_of_more_than_a_point_and_another_verdict(svm, narrow, own, said):
     found = [*sentences.of_width(outcome(svm), outcome(narrow), own)]
     assert found == [f"With 8-bit weights, for which baselines are chosen anew, {words}" for words in said]
+
+
+def test_a_verdict_that_is_not_clear_any_more_is_said_as_such():
+    """With 12 trials only a large difference shows; that none does then is no other verdict than a tie is."""
+    verdicts = [Verdict("worse", 0, 0.01, 40, 1), Verdict("tie", 0, 0.5, 12, 6), Verdict("tie", 0, 0.5, 400, 1)]
+    worse, few, tie = (outcome(0.9)._replace(verdict=one) for one in verdicts)
+    assert [worse.kind, few.kind, tie.kind] == ["worse", "too few trials", "tie"]
+    begun = "With 8-bit weights, for which baselines are chosen anew, "
+    for before in (worse, worse._replace(verdict=Verdict("better", 0, 0.01, 40, 1))):
+        assert [*sentences.of_width(before, few, None)] == [f"{begun}the difference in accuracy is no longer clear."]
+        (said,) = sentences.of_width(before, tie, None)
+        assert said.startswith(f"{begun}the verdict would be 'No clear difference")
+    assert [*sentences.of_width(few, tie, None), *sentences.of_width(tie, few, None)] == []
+    assert "Spiking costs accuracy" in "".join(sentences.of_width(few, worse, None))
 
 
 def test_the_table_shows_what_is_not_rounded_and_the_network_beside_it():

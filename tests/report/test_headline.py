@@ -293,3 +293,26 @@ def test_twelve_test_trials_are_the_headline():
     assert headline(three).startswith(
         "Too few test trials: a network that is right in all of them would not be clearly"
     )
+
+
+@given(st.sampled_from(SHARES), st.sampled_from(SHARES), st.integers(4, 300), st.booleans())
+def test_a_loss_by_the_encoding_is_of_one_kind_of_baseline_and_clear(signals, spikes, n, is_validated):
+    """The better baseline has no twin on spikes, and a worse one on signals does not count."""
+    rivals = [
+        Baseline("MiniRocket on signals", 1.0, 1.0, None),
+        Baseline("SVM on signals (bins)", signals, signals, None),
+        Baseline("ELM on signals (bins)", 0.0, 1.0, None),
+        Baseline("SVM on 1&1 ms spikes (counts)", spikes if is_validated else signals, spikes, None),
+        Baseline("SVM on 9&9 ms spikes (counts)", 0.0, 1.0, None),
+        Baseline("ELM on 1&1 ms spikes (counts)", 0.0, 0.0, None),
+    ]
+    network = Network("1&1", 20, 1, 1.0, Decision(1.0, 1.0, 1.0, 1.0, None), None)
+    said = sentences.lost_in_encoding(answer([network], rivals, 0.0, Trials(n, n)))
+    held = (spikes + (spikes if is_validated else signals)) / 2
+    is_clear = signals - spikes > power.WEAK and referee.is_gap(signals, 2 * n, held, 2 * n, referee.LEVEL)
+    expected = (
+        f"The encoding loses {100 * (signals - spikes):.0f} points (SVM: {100 * signals:.1f} % on signals, "
+        f"{100 * spikes:.1f} % on spikes)"
+    )
+    assert said == (expected if is_clear else "")
+    assert sentences.lost_in_encoding(answer([network], rivals[:3], 0.0, Trials(n, n))) == ""

@@ -248,6 +248,19 @@ def test_commands_name_their_paths_whole_and_quoted(name, may_fold):
             assert out is None or Path(out) not in (run, places.cell)
 
 
+@pytest.mark.parametrize("may_fold", [False, True])
+def test_where_the_encoding_loses_much_the_next_step_is_the_encoder_alone(may_fold):
+    places = Places(Path("/runs/mine"), Path("/runs/mine/cells/x"), Path("/a.h5"), may_fold)
+    for choice in (
+        choose([decided("1&1", 20, 0.95, 100), decided("10&10", 20, 0.95, 60)], untold=u) for u in ("", "x")
+    ):
+        words, commands = period_choice.next_step(choice, SURE, places, "The encoding loses 30 points")
+        assert words == "The encoding loses 30 points; compare encoders:"
+        assert commands == ["neurotact study run which-encoder --data /a.h5 -o /runs/mine-encoders"]
+        simulated = places._replace(recordings=None)  # which a study of encoders cannot be given
+        assert period_choice.next_step(choice, SURE, simulated, "x") == period_choice.next_step(choice, SURE, simulated)
+
+
 def test_twice_the_trials_are_asked_for_at_least_and_more_for_a_wide_interval():
     wide = choose([decided("1&1", 20, 0.95, 100), decided("10&10", 20, 0.95, 60)],
                   EQUAL._replace(lost=Interval(0.02, -0.22, 0.26)))  # fmt: skip

@@ -29,7 +29,7 @@ from neurotact.networks.definition.specs import TrainingSpec
 from neurotact.networks.exit.patience import upper_bound
 from neurotact.networks.training import run_folder, tasks
 from neurotact.networks.training.epochs import Epoch
-from neurotact.report import front, networks, tables
+from neurotact.report import front, networks, period_choice, sentences, tables
 from neurotact.report.answer import Network
 from neurotact.report.details import SOPS_COLUMNS
 from neurotact.report.encoding_drawings import name_classes
@@ -204,6 +204,26 @@ def test_an_answer_has_the_same_bytes_in_any_place_and_commands_of_its_own(writt
     commands = [command for one in nt.study_answer(folder)["answers"] for command in one["next"]["commands"]]
     assert commands
     assert all(str(folder) in word for command in commands for word in shlex.split(command) if "/" in word)
+
+
+def test_the_next_step_knows_what_the_encoding_loses_and_is_the_only_one(written, text_alone, tmp_path, monkeypatch):
+    folder = tmp_path / "copy"
+    shutil.copytree(written.parent, folder)
+    monkeypatch.setattr(sentences, "lost_in_encoding", lambda outcome: f"lost by {outcome.best.name}")
+    monkeypatch.setattr(period_choice, "next_step", lambda *given: (given[3], []))
+    networks.write(make_study(baselines="linear", as_shipped=True), folder)
+    answer = read_json(folder / "answer.json")
+    told = [one["next"]["words"] for one in answer["answers"]]
+    assert told
+    assert all(re.fullmatch(r"lost by .* with \d+ neurons", words) for words in told)
+
+
+def test_a_warning_of_few_test_trials_says_what_to_do_where_no_next_step_does():
+    few = front.Front("all", SimpleNamespace(is_above_chance=True), (), (), (), sides=front.Sides(None, {"felt": 2}))
+    (alone,), (beside,) = (
+        [*front._of_front(one, SimpleNamespace())] for one in (few, few._replace(next=("Train more:", [])))
+    )
+    assert alone == f"{beside}; record more, or test every trial once with `split=nt.Split(folds=5)`"
 
 
 @given(st.text("ab c'-&$", min_size=1, max_size=5), st.text("ab c'", min_size=1, max_size=5))

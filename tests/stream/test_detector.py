@@ -11,6 +11,7 @@ import torch
 from hypothesis import given
 from hypothesis import strategies as st
 from levels import examples
+from neurotact_parts.exporters.c import proof, proving
 from neurotact_parts.streams import detector
 from neurotact_parts.streams.chain import chain_of
 from neurotact_parts.streams.detector import BEGUN, COLUMNS, FALSE_ALARM, HIT, MISS, REPEAT, Heard, Standing
@@ -253,10 +254,28 @@ def test_a_detector_is_refused_where_windows_are_decided(run, tmp_path):
     for streamed in (S(hop_ms=20), S(contact=True), S(length_ms=50), S(full_window=True), S(start_ms=1)):
         with pytest.raises(InputError, match="runs on without windows"):
             chain_of(run, streamed)
-    with pytest.raises(InputError, match=r"events in time: C .* stream it"):
-        nt.export(run, tmp_path / "c", "c", variant="float")
+    with pytest.raises(InputError, match=r"readout that leaks: C in integers .* export it in float32"):
+        nt.export(run, tmp_path / "c", "c")
     with pytest.raises(InputError, match=r"detects events, and .* needs classes"):
         run_folder.restore(run).of_classes("the bill in C")
+
+
+def test_c_is_proven_on_whole_test_recordings(run, tmp_path, monkeypatch):
+    """On those of which a part is a trial of the test."""
+    if proof.missing("cc"):
+        pytest.skip("there is no C compiler")
+    monkeypatch.setattr(proving.boards, "BOARDS", {})
+    said = []
+    where = {"recordings": run.parent / "long.h5"}
+    made = nt.export_c(run, tmp_path, variant="float", prove=2, tell=said.append, **where)
+    rows = said[-1].set_index("what")["value"]
+    assert rows["this machine, sanitizers"] == "every spike and decision equal"
+    restored = run_folder.restore(run)
+    assert restored.task.parts > 1
+    trials = proving.trials_of(run, made.chain, None, 2, **where)
+    assert {len(trial) for trial in trials.given} == {4500}
+    assert rows["changes of the label in force"] == sum(len(trial.decisions) for trial in trials.expected) > 0
+    assert not [name for name in rows.index if "accuracy" in name]
 
 
 def test_commands_tell_of_events(run, capsys, monkeypatch):

@@ -280,9 +280,9 @@ _IN_INTEGERS = {
     "adaptive thresholds": "they have no integer form; export it in float32",
     "readout that leaks": "a leak has no integer form; export it in float32",
     "readout max": "a leak has no integer form; export it in float32",
+    IN_TIME: "its readout must leak; export it in float32",
 }
 _IN_C = {
-    IN_TIME: "it decides windows, each from a start of its own",
     **dict.fromkeys(OTHER_MODELS, "C has LIF afferents alone"),
     "half-wave rate of change": "the RA-I of C are driven by rise and fall alike",
     "rise in SA-I": "the SA-I of C are driven by the signal alone",

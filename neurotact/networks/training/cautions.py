@@ -107,8 +107,8 @@ def _again(command: Command) -> str:
     return "train the run again with" if command == "fine-tune" else ""
 
 
-def few_test_trials(per_class: Mapping[str, int], split: SplitSpec, command: Command = "train") -> Iterator[str]:
-    """per_class: test trials of each class. split: the one that chose them.
+def few_test_trials(per_class: Mapping[str, int], split: SplitSpec | None, command: Command = "train") -> Iterator[str]:
+    """per_class: test trials of each class. split: the one that chose them; None if another line says what to do next.
 
     >>> by_day = SplitSpec(order="day")
     >>> print(*few_test_trials({"felt": 3, "silk": 12}, by_day))
@@ -131,11 +131,12 @@ def few_test_trials(per_class: Mapping[str, int], split: SplitSpec, command: Com
     others = (
         f"{len(few)} of {len(per_class)} classes have fewer than {FEW_PER_CLASS} test trials; " if len(few) > 1 else ""
     )
-    is_random = not (split.test_where or split.order or split.folds)
-    folds = "split=nt.Split(folds=5)"
-    every_fold = f"`{folds}`" if command == "train" else f"`nt.train(..., {folds})`"
-    remedy = f"record more, or test every trial once with {every_fold}" if is_random else "record more"
-    yield f"{others}class '{fewest}' has {trials}: {all_of}; {remedy}"
+    remedy = "" if split is None else "; record more"
+    if split is not None and not (split.test_where or split.order or split.folds):
+        folds = "split=nt.Split(folds=5)"
+        every_fold = f"`{folds}`" if command == "train" else f"`nt.train(..., {folds})`"
+        remedy += f", or test every trial once with {every_fold}"
+    yield f"{others}class '{fewest}' has {trials}: {all_of}{remedy}"
 
 
 def exit_not_used(choice: ExitChoice | None) -> Iterator[str]:

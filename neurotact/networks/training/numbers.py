@@ -13,6 +13,7 @@ import pandas as pd
 import torch
 from torch import Tensor
 
+from neurotact.data.readers.table.cells import NUMBER
 from neurotact.errors import InputError, nearest
 from neurotact.networks.definition.network import Network
 from neurotact.networks.definition.rsnn import RSNN
@@ -38,12 +39,15 @@ def of_trials(conditions: pd.DataFrame, target: Sequence[str]) -> np.ndarray:
 
 
 def check(conditions: pd.DataFrame, target: Sequence[str], training: np.ndarray) -> None:
-    """Refuse a target that is no numeric condition of every trial, or that all training trials share."""
-    numeric = [str(name) for name in conditions if pd.api.types.is_numeric_dtype(conditions[name])]
+    """Refuse a target that is no numeric condition of every trial, or that all training trials share.
+
+    Texts such as 01 are numbers here, though names elsewhere.
+    """
+    numeric = [str(name) for name in conditions if _is_numeric(conditions[name])]
     for name in target:
         if name not in conditions:
             raise InputError(f"target: there is no condition '{name}'; {nearest(name, numeric)}")
-        column = conditions[name]
+        column = conditions[name] if name not in numeric else pd.to_numeric(conditions[name])
         if name not in numeric or column.dtype == bool:
             raise InputError(
                 f"target: condition '{name}' holds no numbers, such as '{column.iloc[0]}'; leave `target` out to learn "
@@ -59,6 +63,11 @@ def check(conditions: pd.DataFrame, target: Sequence[str], training: np.ndarray)
             )
 
 
+def _is_numeric(column: pd.Series) -> bool:
+    is_number = pd.api.types.is_numeric_dtype(column)
+    return is_number or all(isinstance(value, str) and NUMBER.fullmatch(value) for value in column)
+
+
 def groups_of(conditions: pd.DataFrame, target: Sequence[str]) -> np.ndarray:
     """Groups of trials with similar numbers of the first target, of which each side of a split has its share.
 
@@ -66,7 +75,7 @@ def groups_of(conditions: pd.DataFrame, target: Sequence[str]) -> np.ndarray:
     [0, 0, 1, 1]
     """
     n = max(1, min(GROUPS, len(conditions) // PER_GROUP))
-    ranks = conditions[target[0]].rank(method="min").to_numpy()
+    ranks = pd.to_numeric(conditions[target[0]]).rank(method="min").to_numpy()
     return ((ranks - 1) * n // max(1, len(conditions))).astype(np.int64)
 
 

@@ -129,7 +129,7 @@ def outcome_of(
         1e3 / trains.sampling_rate_Hz,
         acausal_note(trains.encoder),
         starts.FITTED if fitted.network.spec.own is None and not fitted.network.spec.hidden else starts.ONE,
-        "" if fitted.refusal is None else _refused(result["row"], fitted.refusal.in_words),
+        "" if fitted.refusal is None or not fitted.refusal.whole else _refused(result["row"], fitted.refusal.in_words),
         tables,
         told,
     )

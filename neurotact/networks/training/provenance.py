@@ -5,15 +5,16 @@ another file, or moved within a file. A recording with another digest, such as a
 its spikes if they are equal and many.
 """
 
+import base64
 from collections.abc import Iterable, Iterator, Mapping
-from typing import Any, Literal, NamedTuple
+from typing import Annotated, Any, Literal, NamedTuple
 
 import numpy as np
-from pydantic import ValidationError
+from pydantic import BeforeValidator, PlainSerializer, ValidationError
 
 from neurotact import plugins
 from neurotact.data.copies import are_telling
-from neurotact.data.digests import spike_digests
+from neurotact.data.digests import DIGITS, spike_digests
 from neurotact.data.spikes import SpikeTrains
 from neurotact.data.splits import Split
 from neurotact.encoders.model import name_in, of_name
@@ -21,12 +22,37 @@ from neurotact.metrics.synops import UNSEEN
 from neurotact.spec import Spec
 
 
+def _packed(digests: tuple[str, ...]) -> str | tuple[str, ...]:
+    """Digests as the Base64 text of their bytes, a third of a list's length; a list if they are no digests of ours.
+
+    >>> _packed(("0123456789abcdef", "fedcba9876543210")), _packed(("touch 1",))
+    ('ASNFZ4mrze/+3LqYdlQyEA==', ('touch 1',))
+    """
+    are_ours = all(len(digest) == DIGITS and not set(digest) - set("0123456789abcdef") for digest in digests)
+    return base64.b64encode(bytes.fromhex("".join(digests))).decode() if are_ours else digests
+
+
+def _unpacked(digests: Any) -> Any:
+    """The digests of a text by `_packed`; lists are of earlier versions, or not ours."""
+    if not isinstance(digests, str):
+        return digests
+    text = base64.b64decode(digests, validate=True).hex()
+    if len(text) % DIGITS:
+        raise ValueError(f"must hold {DIGITS // 2} bytes for each trial")
+    return [text[at : at + DIGITS] for at in range(0, len(text), DIGITS)]
+
+
+_Digests = Annotated[
+    tuple[str, ...], BeforeValidator(_unpacked), PlainSerializer(_packed, str | tuple[str, ...], "json")
+]
+
+
 class _Trials(Spec):
     """The trials of one side, by their digests (`data.digests`)."""
 
-    recorded: tuple[str, ...] = ()
+    recorded: _Digests = ()
     """Digests of the recordings; none if the spikes file did not have them."""
-    spikes: tuple[str, ...]
+    spikes: _Digests
     """Digests of the spikes, for files without digests of the recordings."""
 
 
@@ -64,6 +90,13 @@ class Provenance(Spec):
         if len(unknown):
             sides[unknown] = self._sides_of("spikes", spike_digests(trains.select(unknown)))
         return sides
+
+    def with_training(self, new: "Provenance") -> "Provenance":
+        """The same if the training trials of `new` were trained on, too."""
+        seen, also = self.trials.training, new.trials.training
+        recorded = (*seen.recorded, *also.recorded) if seen.recorded else ()
+        training = _Trials(recorded=recorded, spikes=(*seen.spikes, *also.spikes))
+        return self.model_copy(update={"trials": self.trials.model_copy(update={"training": training})})
 
     def sides_of_recorded(self, digests: Iterable[str]) -> np.ndarray:
         """The side that each recording was on, by its digest (`data.digests`)."""

@@ -102,6 +102,10 @@ def load_network(folder: str | Path, *, backend: Backend = "auto") -> tuple[Netw
     Raises InputError, which names the file, if a file is missing, truncated or altered, or if the two do not match.
     """
     folder = existing(folder, "folder")
+    inner = [path.parent for place in ("*", "cells/*") for path in folder.glob(f"{place}/{NETWORK}")]  # folds, a study
+    if inner and not (folder / NETWORK).exists():
+        n = f"{len(inner)} trainings in folders of their own" if len(inner) > 1 else "a training in its own folder"
+        raise InputError(f"{folder}: is no network, but holds {n}; name one, such as {min(inner)}")
     metadata = _metadata(folder / NETWORK)
     spec = build(RSNNSpec, metadata["spec"], source=str(folder / NETWORK))
     sizes = metadata["n_inputs"], metadata["n_classes"], spec, metadata["sampling_rate_Hz"]

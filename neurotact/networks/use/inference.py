@@ -56,6 +56,8 @@ def infer(
         say("early exit is not used, whole windows decide: a network that tells numbers has no rule for it")
     if early_exit and held is not None and held.is_refused:
         say(f"early exit is not used, whole windows decide: {held.in_words}")
+    if restored.refusal is not None and not restored.refusal.whole:
+        say(restored.refusal.in_words)
     result = network.infer(examples.spikes.to(network.device), restored.exits(early_exit))
     labels, steps, input_spikes, hidden_spikes = (part.cpu().numpy() for part in result[:4])
     table = synops.table_of(
@@ -78,8 +80,11 @@ def infer(
     return table
 
 
-def check_same_input(restored: Restored, trains: SpikeTrains, allow_other: bool) -> None:
-    """Refuse spikes of another clock, other afferents or, unless it is allowed with a warning, another encoder."""
+def check_same_input(restored: Restored, trains: SpikeTrains, allow_other: bool | None = None) -> None:
+    """Refuse spikes of another clock, other afferents or, unless it is allowed with a warning, another encoder.
+
+    allow_other: None for what has no option for it.
+    """
     if trains.sampling_rate_Hz != restored.network.sampling_rate_Hz:
         raise InputError(
             f"spikes: are sampled at {trains.sampling_rate_Hz:g} Hz but the network was trained at "
@@ -96,10 +101,8 @@ def check_same_input(restored: Restored, trains: SpikeTrains, allow_other: bool)
     trained_on = trains.afferents if restored.provenance is None else restored.provenance.afferents
     difference = first_difference(trains.encoder, trains.afferents, restored.encoder, trained_on)
     if difference and not allow_other:
-        raise InputError(
-            f"spikes: {difference}; encode the recordings as in training, or pass `allow_other_encoder=True` "
-            "if you mean it"
-        )
+        option = "" if allow_other is None else ", or pass `allow_other_encoder=True` if you mean it"
+        raise InputError(f"spikes: {difference}; encode the recordings as in training{option}")
     if difference:
         warnings.warn(f"spikes: {difference}; accuracy and SOPs are those of another encoder", stacklevel=3)
 

@@ -46,8 +46,15 @@ def test_every_file_with_a_fault_is_named_at_once(tmp_path):
 
 def test_after_many_files_with_faults_no_more_are_read(tmp_path):
     for number in range(30):
-        write(tmp_path, "a", number, {3: "x,y,z"})
+        write(tmp_path, "a", number, {number % 7 + 1: "x,y,z"})
     with pytest.raises(InputError, match=r"at least 19 other files have faults: a/1\.csv"):
+        nt.read_folder(tmp_path, unit="V")
+
+
+def test_a_fault_that_all_files_have_is_told_once(tmp_path):
+    for number in range(30):
+        write(tmp_path, "a", number, {3: "x,y,z"})
+    with pytest.raises(InputError, match=r"with `columns`; at least 19 other files have the same fault$"):
         nt.read_folder(tmp_path, unit="V")
 
 

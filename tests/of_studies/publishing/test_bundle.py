@@ -94,6 +94,30 @@ def test_the_script_says_whether_the_bytes_are_the_same(bundle, tmp_path):
     assert (done.returncode, f"1 of {len(compared(moved))} files differ" in done.stdout) == (1, True)
 
 
+def test_the_script_takes_the_python_that_has_neurotact_or_says_what_to_do(bundle, tmp_path):
+    """Only with these programs on the PATH: a shell's, and what a test writes."""
+    moved, programs = tmp_path / "moved", tmp_path / "programs"
+    shutil.copytree(bundle, moved)
+    programs.mkdir()
+    for name in ("sh", "dirname", "rm", "cmp"):
+        (programs / name).symlink_to(str(shutil.which(name)))
+    again, environment = [str(programs / "sh"), str(moved / "reproduce.sh")], {"PATH": str(programs)}
+    (moved / "again").mkdir()
+    done = subprocess.run(again, env=environment, capture_output=True, text=True)
+    assert done.returncode == 2
+    assert done.stderr == (
+        f"neurotact {nt.__version__} is not here; activate the environment that has it, or install it into this one\n"
+    )
+    assert (moved / "again").is_dir()
+    asked = programs / "python3"
+    asked.write_text(
+        '#!/bin/sh\n[ "$1 $2" = "-m neurotact" ] || exit 9\n[ "$3" = --version ] || { echo "$@"; exit 7; }\n'
+    )
+    asked.chmod(0o755)
+    done = subprocess.run(again, env=environment, capture_output=True, text=True)
+    assert (done.returncode, done.stdout) == (7, "-m neurotact study run study.toml -o again\n")
+
+
 def test_no_file_of_a_bundle_names_a_place_of_this_machine(bundle, finished):
     places = [str(finished.parent).encode(), str(ROOT).encode(), str(Path.home()).encode() + b"/"]
     named = [path for path in bundle.rglob("*") if path.is_file() and any(one in path.read_bytes() for one in places)]
@@ -195,6 +219,10 @@ def test_what_cannot_be_a_bundle_is_refused_and_stays(finished, tmp_path):
     assert (tmp_path / "mine" / "thesis.tex").is_file()
     with pytest.raises(InputError, match="holds the study"):
         nt.bundle_study(finished, finished.parent, force=True)
+    for inside in (finished / "b", finished / "new" / "b", finished / "spikes"):
+        with pytest.raises(InputError, match=r"is in the folder of the study; choose one beside it, .*run-bundle$"):
+            nt.bundle_study(finished, inside, force=True)
+        assert inside.name != "b" or not inside.exists()
     with pytest.raises(InputError, match="width: 'a4' is unknown"):
         nt.bundle_study(finished, tmp_path / "b", width="a4")  # pyright: ignore[reportArgumentType]
     copy = tmp_path / "copy"
@@ -215,6 +243,7 @@ def test_what_cannot_be_a_bundle_is_refused_and_stays(finished, tmp_path):
 def test_methods_and_references_are_those_of_the_study(bundle):
     methods, entries = ((bundle / name).read_text() for name in ("methods.md", "references.bib"))
     assert "Windows of 50 ms were classified, the first of which begins 80 ms after" in methods
+    assert f"The data were {made_inputs.touches().summary()}." in methods
     assert "RA-I refractory period in ms with SA-I refractory period in ms (1 with 1 and 5 with 10)" in methods
     assert "@software{neurotact" in entries
     assert f"version = {{{nt.__version__}}}" in entries

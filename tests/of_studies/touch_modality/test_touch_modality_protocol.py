@@ -7,15 +7,15 @@ import pandas as pd
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
+from hypothesis.extra import numpy as hnp
 from levels import thinned
 from neurotact_parts.studies.touch_modality import protocol
 from neurotact_parts.studies.touch_modality.datasets import STEP_COUNTS
 from neurotact_parts.studies.touch_modality.folds import Fold
 from neurotact_parts.studies.touch_modality.protocol import Parameters, Trained
 from neurotact_parts.studies.touch_modality.simulator import TouchModalitySpec, simulate
-from neurotact_parts.studies.touch_modality.touches import TouchData, folds_of
+from neurotact_parts.studies.touch_modality.touches import TouchData, fit_standardisation, folds_of
 
-from neurotact.data.conditioning import fit_standardisation
 from neurotact.data.hdf5 import save_recordings
 from neurotact.data.recordings import Recordings
 from neurotact.errors import InputError
@@ -246,3 +246,22 @@ def test_table_1_is_whole():
 def test_parameters_refuse_what_does_not_fit(table, words):
     with pytest.raises(InputError, match=words):
         build(Parameters, table, "here")
+
+
+VALUES = st.floats(-1e3, 1e3, width=32)
+
+
+@given(st.lists(hnp.arrays(float, st.tuples(st.integers(2, 40), st.just(1)), elements=VALUES), min_size=1, max_size=4))
+def test_standardised_training_trials_have_mean_0_and_deviation_1(signals):
+    offset, scale = fit_standardisation(signals)
+    felt = (np.concatenate(signals) - offset) / scale
+    if np.concatenate(signals).std() > 1e-3:
+        assert felt.mean() == pytest.approx(0.0, abs=1e-6)
+        assert felt.std() == pytest.approx(1.0, rel=1e-6)
+
+
+@given(st.lists(st.integers(1, 9), min_size=1, max_size=4), VALUES)
+def test_a_taxel_that_never_moves_stays_silent(lengths, level):
+    offset, scale = fit_standardisation([np.full((n, 2), level) for n in lengths])
+    assert scale == (1.0, 1.0)
+    np.testing.assert_allclose(offset, level, rtol=1e-12)
