@@ -66,7 +66,7 @@ def _ruled_out(table: pd.DataFrame) -> str:
     kinds = [f"{kind} in {len(part)}" for kind, part in out.groupby("augmentation", sort=False)]
     if not kinds:
         return ""
-    return f" Ruled out early, clearly below the best on validation trials after the same epochs: {', '.join(kinds)}."
+    return f" Ruled out early, behind another kind on validation trials after the same epochs: {', '.join(kinds)}."
 
 
 def _gained_by_copies(table: pd.DataFrame) -> float:

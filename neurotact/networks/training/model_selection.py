@@ -84,7 +84,7 @@ def last(
 
 
 PART, CLEAR = 0.25, 2.0
-"""After this share of the epochs a kind of copies is ruled out that is so many standard errors below the best."""
+"""After this share of the epochs one kind of copies goes on, among those within so many standard errors of the best."""
 SEEN = 0.15
 """Share of the training trials that are kept for a test at the conditions of training."""
 
@@ -152,26 +152,27 @@ def are_unranked(kinds: Sequence[str], conditions: pd.DataFrame, split: SplitSpe
 
 
 class RuledOut(NamedTuple):
-    """A kind of varied copies that is not trained to the end: its validation accuracy after so many epochs.
+    """A kind of varied copies that is not trained to the end: its best epoch of so many.
 
-    best: the kind that was best then, and its accuracy.
+    first: the kind that goes on, and its best epoch of as many.
     """
 
     kind: str
-    accuracy: float
+    epoch: Epoch
     epochs: int
-    best: tuple[str, float]
+    first: tuple[str, Epoch]
 
     def __str__(self) -> str:
-        name, accuracy = self.best
+        (name, other), own = self.first, self.epoch
         return (
-            f"copies '{self.kind}' are ruled out after {self.epochs} epochs: {100 * self.accuracy:.0f} % of validation "
-            f"trials of another condition, clearly below '{name}' with {100 * accuracy:.0f} %"
+            f"copies '{self.kind}' are ruled out after {self.epochs} epochs: {100 * own.validation_accuracy:.0f} % of "
+            f"validation trials of another condition and a loss of {own.validation_loss:.2g}, behind '{name}' with "
+            f"{100 * other.validation_accuracy:.0f} % and {other.validation_loss:.2g}"
         )
 
     def row(self) -> dict[str, Any]:
         """A row of `remedies.csv`."""
-        columns = {"accuracy_validation": self.accuracy, "ruled_out": self.epochs}
+        columns = {"accuracy_validation": self.epoch.validation_accuracy, "ruled_out": self.epochs}
         return {"augmentation": self.kind, **columns, "chosen": False, "last": False}
 
 
@@ -187,10 +188,10 @@ def rule_out(
     kinds: Sequence[str],
     progress: Any = None,
 ) -> tuple[Begun, list[RuledOut]]:
-    """Begin the training with each kind of varied copies; what goes on, and which kinds are ruled out (`PART`).
+    """Begin the training with each kind of varied copies; the one that goes on, and which are ruled out (`first_of`).
 
-    Without copies a network has seen fewer windows by then: that training is not judged. It is the shortest, and tells
-    what copies gain. The trainings that go on are as if nothing had been judged.
+    Without copies a network has seen fewer windows by then: that training is not judged, and tells what copies gain.
+    The training that goes on is as if nothing had been judged; one that is done by then is kept.
     """
     copied = [kind for kind in kinds if kind != NONE]
     if len(copied) < 2:
@@ -203,15 +204,22 @@ def rule_out(
             begun[kind] = paused.checkpoint
     epoch = {kind: one.fitted.training.best if isinstance(one, Tried) else _best_so_far(one, spec)
              for kind, one in begun.items()}  # fmt: skip
-    n = len(np.unique(copies_of(trains).first[tasks.trials_of(trains, task).validation]))
-    accuracies = {kind: own.validation_accuracy for kind, own in epoch.items()}
-    out = []
-    for kind in clearly_worse(accuracies, n):
-        if isinstance(one := begun[kind], Checkpoint):
-            best = max(accuracies, key=accuracies.__getitem__)
-            out.append(RuledOut(kind, accuracies[kind], len(one.epochs), (best, accuracies[best])))
-            del begun[kind]
-    return begun, out
+    first = first_of(epoch, len(np.unique(copies_of(trains).first[tasks.trials_of(trains, task).validation])))
+    out = [
+        RuledOut(kind, epoch[kind], len(one.epochs), (first, epoch[first]))
+        for kind, one in begun.items()
+        if kind != first and isinstance(one, Checkpoint)
+    ]
+    return {kind: one for kind, one in begun.items() if kind not in {each.kind for each in out}}, out
+
+
+def first_of(epoch: Mapping[str, Epoch], n: int) -> str:
+    """Of the names whose accuracy is not clearly below the best, the one with the lowest loss; n: validation trials.
+
+    Accuracies of a few trials are often equal, or all 100 %: the loss still tells then.
+    """
+    worse = clearly_worse({name: one.validation_accuracy for name, one in epoch.items()}, n)
+    return min((name for name in epoch if name not in worse), key=lambda name: epoch[name].validation_loss)
 
 
 def _best_so_far(checkpoint: Checkpoint, spec: RSNNSpec) -> Epoch:
