@@ -41,7 +41,7 @@ def resolve(
         raise InputError(f"{path}: its key `protocol` is now called `way`; rename it")
     overrides = {**(overrides or {})}
     way, asked = table.get("way", study.NETWORKS), overrides.get("way")
-    if asked is not None and way not in (study.NETWORKS, asked):
+    if way != study.NETWORKS and asked not in (None, study.NETWORKS, way):
         raise InputError(f"target: {path.stem} is a study of its own way, of classes; own-recordings takes targets")
     if "way" in table and _own_engine(way) is None:
         return way_study.resolve(table, path, overrides, quick=quick, data=data)

@@ -225,9 +225,9 @@ def test_a_file_that_is_no_hdf5_is_named(tmp_path, load):
     (tmp_path / "text.h5").write_text("a,b\n1,2\n")
     with pytest.raises(InputError, match=r"text\.h5: cannot be read as"):
         load(tmp_path / "text.h5")
-    for absent in (tmp_path / "absent.h5", tmp_path):
-        with pytest.raises(InputError, match="there is no such file"):
-            load(absent)
+    for other, found in (("absent.h5", "there is no such file"), (".", "is a folder; name a file")):
+        with pytest.raises(InputError, match=found):
+            load(tmp_path / other)
 
 
 def broken(tmp_path, save, change):
