@@ -137,8 +137,8 @@ def write(
         "class_names": [text(one) for one in classes], "class_type": unsigned(len(classes)),
         "kind": decision.kind, "score": decision.score or unsigned(len(classes)), "sizes": decision.sizes,
         "tables": [*_standardising(means, decision.kind), *decision.tables], "n_scales": len(means.scale),
-        "spiking": False, "numbers": False, "events": False, "learns": False, "finishes": False, "afferent_type": "uint8_t",
-        "neuron_type": "uint8_t",
+        "spiking": False, "numbers": False, "events": False, "learns": False, "finishes": False,
+        "afferent_type": "uint8_t", "neuron_type": "uint8_t",
     }  # fmt: skip
     folder.mkdir(parents=True, exist_ok=True)
     return c_export.rendered(context, folder, name, parts)

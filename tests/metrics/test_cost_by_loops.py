@@ -8,7 +8,6 @@ from collections import Counter
 
 import numpy as np
 import pytest
-import scipy.signal
 import scipy.stats
 from hypothesis import given
 from hypothesis import strategies as st
