@@ -99,16 +99,23 @@ function levels(front) {
   return found.map(([share, words, dash, colour]) => ({ y: 100 * share, words: `${words} ${percent(share)}`, dash, colour: style(colour) }));
 }
 
+/* The lines that leave the points at least a third of the axis: the table names the others. */
+function near(lines, heights) {
+  const least = Math.min(...heights), room = 2 * Math.max(10, Math.max(...heights) - least);
+  return lines.filter((line) => line.y >= least - room);
+}
+
 function drawTradeOff(plotly, host, study) {
   const { chosen } = study, kinds = chosen.kinds === "both" ? ["whole", "early"] : [chosen.kinds];
-  const points = pointsOf(study), lines = levels(study.fronts[chosen.setting]);
+  const points = pointsOf(study);
   const traces = [
     ...kinds.map((kind) => frontTrace(study, points, kind)),
     ...kinds.flatMap((kind, index) => pointTraces(study, points, kind, index === 0)),
     ...keyTraces(study, kinds),
     ...markTraces(study, points, kinds),
   ];
-  const heights = [...kinds.flatMap((kind) => drawable(points, kind, chosen.cost).map((p) => 100 * p[kind].accuracy)), ...lines.map((l) => l.y)];
+  const drawn = kinds.flatMap((kind) => drawable(points, kind, chosen.cost).map((p) => 100 * p[kind].accuracy));
+  const lines = near(levels(study.fronts[chosen.setting]), drawn), heights = [...drawn, ...lines.map((l) => l.y)];
   const low = Math.max(0, Math.min(...heights) - 5), high = Math.min(100, Math.max(...heights) + 5);
   const narrow = host.clientWidth < 600, shared = sharedLayout(narrow);
   return draw(plotly, host, traces, {
