@@ -112,15 +112,19 @@ def run_on(network: Network, raster: np.ndarray) -> tuple[np.ndarray, np.ndarray
 
 def heard(network: Network, trains: SpikeTrains, trials: Iterable[int], names: Sequence[str]) -> list[Heard]:
     """Recordings, each through a network without reset. names: of its labels."""
-    index, rate_Hz = {name: number for number, name in enumerate(names)}, trains.sampling_rate_Hz
-    table = pd.DataFrame(columns=marks.COLUMNS) if trains.marks is None else trains.marks
-    found = []
+    found, rate_Hz = [], trains.sampling_rate_Hz
     for trial in map(int, trials):
-        own = table[table["trial"] == trial]
-        marked = [(index.get(row.label, -1), float(row.start_s), float(row.stop_s)) for row in own.itertuples()]
         values, lasts_s = values_of(network, trains, trial), float(trains.trial_steps[trial] / rate_Hz)
-        found.append(Heard(trial, values, network.steps_per_bin / rate_Hz, lasts_s, marked))
+        found.append(Heard(trial, values, network.steps_per_bin / rate_Hz, lasts_s, marked(trains, trial, names)))
     return found
+
+
+def marked(trains: SpikeTrains, trial: int, names: Sequence[str]) -> list[tuple[int, float, float]]:
+    """The marks of a recording as label, start and stop; a label that is none of the names is -1."""
+    index = {name: number for number, name in enumerate(names)}
+    table = pd.DataFrame(columns=marks.COLUMNS) if trains.marks is None else trains.marks
+    own = table[table["trial"] == trial]
+    return [(index.get(row.label, -1), float(row.start_s), float(row.stop_s)) for row in own.itertuples()]
 
 
 def rows_of(one: Heard, rule: DetectorSpec) -> list[tuple[Any, ...]]:

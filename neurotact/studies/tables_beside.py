@@ -67,14 +67,14 @@ def _baselines(
     The second table contains, for each row of the first (`baseline`) and each validation or test trial (`side`), the
     share of correctly classified windows; copies are one trial, the first of them.
     """
-    if task_of(cells[0]).detects:
-        return plugins.load_function("tools", "rivals_of_detectors")(folder, study, cells, recordings)
+    detects = task_of(cells[0]).detects
+    fitted = plugins.load_function("tools", "rivals_of_detectors") if detects else _fitted
     groups = [list({cell.spikes_name: cell for cell in group}.values()) for group in by_split(cells)]
     fitted_rows = []
     advance = counting("classifiers on signals and spikes", sum(map(len, groups)))
     for group in groups:
         for cell in group:
-            fitted_rows += _fitted(folder, recordings, study, cell, cells, is_first=cell is group[0])
+            fitted_rows += fitted(folder, recordings, study, cell, cells, is_first=cell is group[0])
             advance(1)
     shares = [row.pop(opponents.RIGHT) for row in fitted_rows]
     trials = [

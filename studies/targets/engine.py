@@ -109,7 +109,7 @@ def _check(table: Mapping[str, Any], given: Mapping[str, Any]) -> None:
 def _notes(what: str, classes: str) -> Iterator[str]:
     yield what
     yield f"Gains: chosen by how well they separate classes; these are {classes}."
-    yield "Not of classes, and left out: early exit, varied copies, 8-bit weights, confusions."
+    yield "Left out, since they belong to classes: early exit, varied copies, 8-bit weights, confusions."
 
 
 def _sweep(table: Mapping[str, Any], given: Mapping[str, Any], quick: bool) -> dict[str, Any]:

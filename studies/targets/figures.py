@@ -37,7 +37,7 @@ def drawings(compared: Mapping[str, Compared], folder: Path, target: Sequence[st
             told = pd.concat([pd.DataFrame(tables["told"]) for tables in results])
             yield Drawn(
                 f"told{last}", f"What the chosen network told of test trials{of}", draw_told(told, target),
-                "A point per test window and training; on the line what is told is true.",
+                "Each point is a test window of one training. On the line the network tells the true number.",
                 f"What was told against the truth, of {', '.join(target)}.",
             )  # fmt: skip
         yield Drawn(

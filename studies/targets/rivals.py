@@ -11,7 +11,6 @@ from pathlib import Path
 from typing import Any, NamedTuple
 
 import numpy as np
-import pandas as pd
 from neurotact_parts.streams import detector
 from neurotact_parts.streams.detector import Heard
 from neurotact_parts.studies.targets.measured import DELAYS
@@ -31,7 +30,7 @@ from neurotact.networks.training import events, tasks
 from neurotact.networks.training.tasks import Task
 from neurotact.progress import at, say
 from neurotact.studies.cell import task_of
-from neurotact.studies.study import Cell, StudySpec, by_split, split_columns, value_at
+from neurotact.studies.study import Cell, StudySpec, split_columns, value_at
 
 EVERY_MS = 10.0
 """Between two decisions of a rival, about."""
@@ -74,16 +73,14 @@ class Sliding(NamedTuple):
         """
         names, rate_Hz = events.names_of(self.trains), self.trains.sampling_rate_Hz
         before = -(-self.cuts.windows.n_steps // self.every) - 1
-        index, table = {name: number for number, name in enumerate(names)}, self.trains.marks
-        assert table is not None
         found = []
         for trial in map(int, trials):
-            own = table[table["trial"] == trial]
-            marked = [(index[str(row.label)], float(row.start_s), float(row.stop_s)) for row in own.itertuples()]
             told = values[self.cuts.windows.trial == trial]
             padded = np.concatenate([np.zeros((before, len(names))), told])
             lasts_s = float(self.trains.trial_steps[trial] / rate_Hz)
-            found.append(Heard(trial, padded, self.every / rate_Hz, lasts_s, marked))
+            found.append(
+                Heard(trial, padded, self.every / rate_Hz, lasts_s, detector.marked(self.trains, trial, names))
+            )
         return found
 
 
@@ -104,30 +101,16 @@ def values_of(fitted: Any, features: np.ndarray, n_labels: int) -> np.ndarray:
     return values
 
 
-def tables_of(
-    folder: Path, study: StudySpec, cells: Sequence[Cell], recordings: Recordings
-) -> tuple[pd.DataFrame, pd.DataFrame]:
-    """The rivals on the spikes of each encoder and split, once on signals, and their scores by recording.
-
-    The tables have the form of those of classifiers; accuracies are of windows. Energy is of a second. A third side of
-    a recording has the mean delay of its hits.
-    """
-    rows, trials = [], []
-    for group in by_split(cells):
-        distinct = [*{cell.spikes_name: cell for cell in group}.values()]
-        for cell in distinct:
-            sliding = Sliding.of(hdf5.load_spikes(folder / cell.given), task_of(cell))
-            split = {key: value_at(cell, key) for key in split_columns(study)}
-            for row in _rows(recordings, sliding, study, cell, is_first=cell is distinct[0]):
-                scores = row.pop(opponents.RIGHT)
-                trials += [(len(rows), side, *each) for side, of in scores.items() for each in of.items()]
-                rows.append({"dataset": cell.dataset, **split, **row})
-    return pd.DataFrame(rows), pd.DataFrame(trials, columns=["baseline", "side", "trial", "right"])
-
-
-def _rows(
-    recordings: Recordings, sliding: Sliding, study: StudySpec, cell: Cell, *, is_first: bool
+def rows_of(
+    folder: Path, recordings: Recordings, study: StudySpec, cell: Cell, _cells: Sequence[Cell], *, is_first: bool
 ) -> Iterator[dict[str, Any]]:
+    """Rows of `baselines.csv` on the spikes of one cell; if `is_first`, also on signals.
+
+    Accuracies are of windows, energy is of a second. Under `RIGHT` are the scores of validation and test recordings,
+    and the mean delay of the hits of each test recording.
+    """
+    sliding = Sliding.of(hdf5.load_spikes(folder / cell.given), task_of(cell))
+    split = {key: value_at(cell, key) for key in split_columns(study)}
     first_ms, second_ms = t_ref_pair_ms(cell.encoder)
     level = "linear" if study.baselines in ("linear", "readout") else "quick"
     of_signals = opponents.signal_inputs(recordings, sliding.cuts, level) if is_first else iter(())
@@ -143,7 +126,7 @@ def _rows(
                 continue
             at(f"{name} on {one.column}")
             with opponent.named(name):
-                yield {**_row(one, name, rival, sliding, study.prices)}
+                yield {"dataset": cell.dataset, **split, **_row(one, name, rival, sliding, study.prices)}
 
 
 def _row(one: Input, name: str, rival: opponent.Opponent, sliding: Sliding, prices: PriceList) -> dict[str, Any]:

@@ -15,12 +15,19 @@ from neurotact_parts.streams.stream import Stream
 from neurotact_parts.streams.stream_state import Decision, StreamState, Tally, Trace
 
 DRIVER = Path(__file__).parent / "driver.c"
+RECORDS = Path(__file__).parent / "records.h"
 COUNTED = ("samples", "held", "missing", "gaps", "skipped", "dropped", "decisions")
 """The counts of C, in its order."""
 TYPES = {"AFFERENT": "afferent_type", "NEURON": "neuron_type"}
 """Macros of the driver, and the types of a context that they stand for."""
 Do = tuple[str, Any]
 """push and a sample; age and a `StreamState`; counts and seven; bad and one; missing, gap, reset, finish, tally."""
+
+
+def write_program(folder: Path, source: str) -> None:
+    """Write a program that reads records, as the harness of an export."""
+    (folder / "harness.c").write_text(source)
+    (folder / RECORDS.name).write_text(RECORDS.read_text())
 
 
 class Told(NamedTuple):
@@ -50,7 +57,7 @@ class Driven:
         defines += ["#define HEARD"] * self.averages + ["#define POSITION"] * self.has_position
         defines += ["#define FELT"] * self.has_felt
         defines += ["#define FINISHES"] * context["finishes"]
-        (folder / "harness.c").write_text("\n".join([*defines, DRIVER.read_text()]))
+        write_program(folder, "\n".join([*defines, DRIVER.read_text()]))
         if board is None:
             self.program = proof.built_here(folder, "skin", flags=flags)
         else:

@@ -2,19 +2,9 @@
  * Records: P a sample, M a missing one, G a gap, R a reset, F the end of a trial, A the state of a chain that has run for long, C the counts
  * of one, B its number of missing samples in a row, T writes the counts. The chain is compiled as "skin".
  */
-#include "harness.h"
+#include "records.h"
 
 static skin_chain chain;
-
-static void get(void *to, int n)
-{
-    while (n > 0) {
-        const int got = harness_read(to, n);
-        if (got <= 0) harness_end(3);
-        to = (uint8_t *)to + got;
-        n -= got;
-    }
-}
 
 static void put(char letter, const void *from, int n)
 {

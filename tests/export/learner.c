@@ -2,19 +2,9 @@
  * Records: E and the time and channel of an event, T and a time, L and a class and its number of touches, R a reset, F what was learned is
  * forgotten, W writes the readout, C counts of dropped windows and of decisions. The chain is compiled as "skin".
  */
-#include "harness.h"
+#include "records.h"
 
 static skin_chain chain;
-
-static void get(void *to, int n)
-{
-    while (n > 0) {
-        const int got = harness_read(to, n);
-        if (got <= 0) harness_end(3);
-        to = (uint8_t *)to + got;
-        n -= got;
-    }
-}
 
 static void advance(uint32_t time)
 {

@@ -8,6 +8,7 @@ import numpy as np
 import pandas as pd
 import pytest
 import torch
+from driven import write_program
 from neurotact_parts.exporters.c import boards, c_export, export, learning, proof, proving
 from neurotact_parts.exporters.c.boards import Board
 from neurotact_parts.networks import new_class
@@ -88,7 +89,7 @@ class Learner:
         context = self.able.context()
         self.shape = context["n_features"], context["n_classes"]
         c_export.write(self.able.chain, folder, None, name="skin", parts=c_export.HARNESS, taught=context)
-        (folder / "harness.c").write_text((Path(__file__).parent / "learner.c").read_text())
+        write_program(folder, (Path(__file__).parent / "learner.c").read_text())
         watched = {"skin_on_spikes": "const uint8_t *", "skin_on_hidden": "uint32_t, const uint8_t *"}
         with (folder / "harness.c").open("a") as file:
             for name, of in watched.items():
