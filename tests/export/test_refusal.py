@@ -277,8 +277,9 @@ def test_a_last_training_and_a_fine_tuned_network_refuse_by_their_own_leads(made
 
 
 def test_the_last_training_refuses_by_the_rule_that_one_before_it_chose(monkeypatch):
-    network = nt.RSNN(2, 3, hidden=4, sampling_rate_Hz=1000.0, readout="integrator")
-    spikes = (torch.rand(30, 40, 2, generator=torch.Generator().manual_seed(0)) < 0.3).to(torch.uint8)
+    generator = torch.Generator().manual_seed(0)
+    network = nt.RSNN(2, 3, hidden=4, sampling_rate_Hz=1000.0, readout="integrator", generator=generator)
+    spikes = (torch.rand(30, 40, 2, generator=generator) < 0.3).to(torch.uint8)
     side, rule = Examples(spikes, torch.zeros(30, dtype=torch.int64)), ExitRule(5, from_first_spike=True)
     task, choice = tasks.Task(refuse=0.3), model_selection.Choice.model_construct(network=network.spec, exit_patience=5)
     own = trainer.Trained(network, Training((), None), ExitRule(20, from_first_spike=True))  # pyright: ignore
