@@ -24,9 +24,8 @@ from neurotact.networks.use.ledger import Afferents
 from neurotact.report import periods
 from neurotact.spec import build
 from neurotact.studies import measures
-from neurotact.studies import tables_beside as made
 from neurotact.studies.automatic import TESTED
-from neurotact.studies.store import cell_folder
+from neurotact.studies.store import BASELINES, cell_folder
 from neurotact.studies.study import SPLIT, Cell, StudySpec
 from neurotact.tables import read_table
 
@@ -132,11 +131,11 @@ def tables_beside(study: StudySpec, folder: Path) -> dict[str, pd.DataFrame]:
 
     Raises InputError for baselines of an earlier version, whose other FLOPs are not counted by kind.
     """
-    paths = [folder / name for name in made.BASELINES if study.baselines != "none"]
+    paths = [folder / name for name in BASELINES if study.baselines != "none"]
     beside = {path.stem: read_table(path) for path in paths if path.is_file()}
     if "other_flops" in beside.get("baselines", ()):
         raise InputError(
-            f"{folder / made.BASELINES[0]}: an earlier version wrote it, with one price for most operations, so "
+            f"{folder / BASELINES[0]}: an earlier version wrote it, with one price for most operations, so "
             "that its energies do not compare with those of networks now; run the study in a new folder"
         )
     if "baselines" in beside:

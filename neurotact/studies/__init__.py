@@ -9,11 +9,10 @@ Other rooms take:
     measures: INTEGERS, Measure, RECONSTRUCTION, requested
     networks: ENGINE
     runner: STUDY, add_report_time, load, run, write_tables
-    store: ANSWER, PAGE, RECORDINGS, RESULT, STUDY, cell_folder, is_done, moved, result_of, timed
+    store: ANSWER, BASELINES, PAGE, RECORDINGS, RESULT, STUDY, cell_folder, is_done, moved, result_of, timed
     study: Cell, LENGTH, PARTS, SPLIT, StudySpec, by_split, cells, encoder_columns, setting_columns, split_columns,
         swept_columns, to_toml, value_at
     sweeps: JOIN, values
-    tables_beside: BASELINES
     way: HEADS, Listed, View, module_of, optional
     way_cells: load_arrays
     way_study: WayStudy, cells

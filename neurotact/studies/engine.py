@@ -37,6 +37,10 @@ def _all_at_once(study: Any, cells: list[Any], folder: Path) -> Iterator[Step]:
     yield Step("cells", cells)
 
 
+def _nothing_beside(folder: Path, study: Any, cells: list[Any], n_workers: int) -> None:
+    """No work."""
+
+
 def _every_cell(study: Any, cells: list[Any], folder: Path) -> list[Any]:
     """All cells."""
     return cells
@@ -47,6 +51,8 @@ class Engine(NamedTuple):
 
     cells: all cells of a study, in the order of its sweep.
     prepare: writes the inputs that cells share into a run folder; called in a process, which then frees its memory.
+        Says whether several processes can hold them at once.
+    beside: writes what is computed beside the cells, in so many worker processes.
     check: raises InputError if a file that `prepare` wrote was changed.
     load: the input of a cell from its file.
     run: the files of a cell, from the cell, its input, the folder from which an interrupted search resumes, and whether
@@ -59,11 +65,12 @@ class Engine(NamedTuple):
     """
 
     cells: Callable[[Any], Iterator[Any]]
-    prepare: Callable[[Path, Any, list[Any]], None]
+    prepare: Callable[[Path, Any, list[Any]], bool]
     check: Callable[[Path, Any, list[Any]], None]
     load: Callable[[Path], Any]
     run: Callable[[Any, Any, Path | None, bool], Files]
     tables: Callable[[Path, Any, Results], Mapping[str, pd.DataFrame]]
+    beside: Callable[[Path, Any, list[Any], int], None] = _nothing_beside
     steps: Callable[[Any, list[Any], Path], Iterator[Step]] = _all_at_once
     wanted: Callable[[Any, list[Any], Path], list[Any]] = _every_cell
     report: Callable[[Any, Path], Path] | None = None

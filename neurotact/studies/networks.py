@@ -9,19 +9,63 @@ import pandas as pd
 from neurotact.data.hdf5 import load_spikes
 from neurotact.data.spikes import SpikeTrains
 from neurotact.lazily import lazily
-from neurotact.studies import study
+from neurotact.progress import track
+from neurotact.studies import store, study
 from neurotact.studies.calibration_keys import ENCODER
 from neurotact.studies.encoding_tables import read_encoding
 from neurotact.studies.engine import Engine, Files, Results
-from neurotact.studies.study import OF_SPIKES, SOURCE, Cell, StudySpec, swept_columns, value_at
+from neurotact.studies.study import OF_SPIKES, SOURCE, Cell, StudySpec, by_split, swept_columns, value_at
+from neurotact.tables import write_table
+from neurotact.workers import pool_as_done
 
 with lazily():  # a process that waits for others, which compute, needs no torch
     from neurotact.studies import cell as cells
     from neurotact.studies import preparation
 
 
-def _prepare(folder: Path, what: StudySpec, of: list[Cell]) -> None:
-    preparation.prepare(folder, what, of)
+def _prepare(folder: Path, what: StudySpec, of: list[Cell]) -> bool:
+    return preparation.prepare(folder, what, of)
+
+
+def _fit(job: tuple[Any, ...]) -> list[tuple[dict[str, Any], dict[str, Any]]]:
+    return preparation.rows_beside(*job)
+
+
+def _beside(folder: Path, what: StudySpec, of: list[Cell], n_workers: int) -> None:
+    """Fit the classical classifiers on the windows of the networks, for each split and encoder, if they are missing.
+
+    `baselines_trials.csv` contains, for each row of `baselines.csv` (`baseline`) and each validation or test trial
+    (`side`), the share of correctly classified windows; copies are one trial, the first of them.
+    """
+    if what.baselines == "none" or not store.flaws(folder, store.BASELINES):
+        return
+    groups = [list({cell.spikes_name: cell for cell in group}.values()) for group in by_split(of)]
+    cells = [of[0], *{cell.dataset: cell for cell in of}.values()]
+    jobs = [(folder, what, cell, cells, cell is group[0]) for group in groups for cell in group]
+    longest_first = sorted(range(len(jobs)), key=lambda number: not jobs[number][-1])
+    rows: dict[int, list[tuple[dict[str, Any], dict[str, Any]]]] = {}
+    with (
+        store.timed(folder, "baselines"),
+        track("classifiers on signals and spikes", len(jobs)) as advance,
+        pool_as_done(n_workers) as run,
+    ):
+        for place, found in run(_fit, [jobs[number] for number in longest_first]):
+            rows[longest_first[place]] = found
+            advance(1, "")
+    every = [pair for number in sorted(rows) for pair in rows[number]]
+    trials = [
+        (number, side, *pair)
+        for number, (_, shares) in enumerate(every)
+        for side, by_trial in shares.items()
+        for pair in by_trial.items()
+    ]
+    tables = (
+        pd.DataFrame([row for row, _ in every]),
+        pd.DataFrame(trials, columns=["baseline", "side", "trial", "right"]),
+    )
+    for name, table in zip(store.BASELINES, tables, strict=True):
+        write_table(table, folder / name)
+    store.seal(folder, store.BASELINES)
 
 
 def _check(folder: Path, what: StudySpec, of: list[Cell]) -> None:
@@ -72,5 +116,5 @@ def _encoding_table(folder: Path, results: Results, swept: list[str]) -> pd.Data
     return pd.concat(parts, ignore_index=True)
 
 
-ENGINE = Engine(study.cells, _prepare, _check, load_spikes, _run, tables)
+ENGINE = Engine(study.cells, _prepare, _check, load_spikes, _run, tables, _beside)
 """The entry point `networks` of the group `neurotact.ways`."""

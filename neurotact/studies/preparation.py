@@ -2,14 +2,16 @@
 
 import hashlib
 import json
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import replace
+from functools import lru_cache
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
 from neurotact import plugins
+from neurotact.baselines.opponents import RIGHT
 from neurotact.data import hdf5
 from neurotact.data.augmentation import check_taxels
 from neurotact.data.conditioning import conditioned_length
@@ -18,7 +20,7 @@ from neurotact.data.dataset import DatasetSpec, expand, load_recordings, until
 from neurotact.data.recordings import Recordings, select_conditions
 from neurotact.data.spikes import SpikeTrains
 from neurotact.data.splits import training_touches
-from neurotact.data.windows import check_fit
+from neurotact.data.windows import check_fit, steps_of
 from neurotact.encoders.calibration import CLOCK_HZ, calibration_for
 from neurotact.encoders.encoding import encode_recordings
 from neurotact.encoders.gain_search import CalibrationRule
@@ -47,17 +49,53 @@ def dataset_of(study: StudySpec, cell: Cell) -> DatasetSpec:
 
 def recordings_of(study: StudySpec, cell: Cell) -> Recordings:
     """The recordings of a cell; few long ones are cut in time, where events are learned."""
-    recordings = load_recordings(dataset_of(study, cell))
-    return plugins.load_function("tools", "parts_of_recordings")(recordings) if task_of(cell).detects else recordings
+    return _recordings(dataset_of(study, cell), task_of(cell).detects)
 
 
-def prepare(folder: Path, study: StudySpec, cells: list[Cell]) -> None:
-    """Write missing and damaged files: `folder/spikes`, its encoding tables, and the study's tables beside its cells.
+def _recordings(dataset: DatasetSpec, detects: bool) -> Recordings:
+    recordings = load_recordings(dataset)
+    return plugins.load_function("tools", "parts_of_recordings")(recordings) if detects else recordings
 
+
+MOST_AT_ONCE = 2**28
+"""Bytes of windows and of their features up to which several processes fit classifiers; each takes a few times more."""
+MINIROCKET = 10_000
+"""Features of the classifier that has most."""
+
+
+def rows_beside(
+    folder: Path, study: StudySpec, cell: Cell, cells: Sequence[Cell], is_first: bool
+) -> list[tuple[dict[str, Any], dict[str, Any]]]:
+    """The rows of classifiers, as `tables_beside.rows_of`, each with its shares of correct windows by side, trial."""
+    first, detects = cells[0], task_of(cells[0]).detects
+    recordings = _recordings_once(dataset_of(study, first).model_dump_json(), detects, first.encoded_ms)
+    rows = tables_beside.rows_of(folder, recordings, study, cell, cells, is_first=is_first)
+    return [(row, row.pop(RIGHT)) for row in rows]
+
+
+@lru_cache(maxsize=1)
+def _recordings_once(dataset: str, detects: bool, encoded_ms: float | None) -> Recordings:
+    """The recordings as they are encoded, read once in a process that fits many classifiers."""
+    recordings = _recordings(DatasetSpec.model_validate_json(dataset), detects)
+    return recordings if encoded_ms is None else until(recordings, encoded_ms)
+
+
+def _fit_at_once(recordings: Recordings, cell: Cell) -> bool:
+    """Whether the windows of a cell are so few that several processes can fit classifiers on them."""
+    rate_Hz = recordings.sampling_rate_Hz
+    length, _, hop = steps_of(cell.window, rate_Hz)
+    n_windows = np.minimum(recordings.lengths // hop + 1, cell.window.per_trial or np.inf).sum()
+    return 8 * n_windows * (length * recordings.n_channels + MINIROCKET) <= MOST_AT_ONCE
+
+
+def prepare(folder: Path, study: StudySpec, cells: list[Cell]) -> bool:
+    """Write missing and damaged files: `folder/spikes`, its encoding tables, and the tables of the study's measures.
+
+    Returns whether the windows are so few that several processes can fit classifiers on them at once.
     A line on stderr names each damaged file. Raises InputError if the recordings changed since the study started.
     """
-    target, beside = folder / "spikes", tables_beside.names(study)
-    table_flaws = store.flaws(folder, [DATA, *beside])
+    target = folder / "spikes"
+    table_flaws = store.flaws(folder, [DATA, *tables_beside.names(study)])
     spikes_flaws = store.flaws(target, _encodings(cells))
     store.say_flaws("", table_flaws, "written again")
     store.say_flaws(f"{target.name}/", spikes_flaws, "encoded again")
@@ -66,7 +104,7 @@ def prepare(folder: Path, study: StudySpec, cells: list[Cell]) -> None:
     before = store.sound_json(folder, DATA)
     is_same = before is not None and (source is None or source == before.get("source"))
     if is_same and not (table_flaws or spikes_flaws):
-        return
+        return True
     first, *others = _by_source(cells)
     with store.timed(folder, "read"):
         recordings = recordings_of(study, first[0])
@@ -79,7 +117,7 @@ def prepare(folder: Path, study: StudySpec, cells: list[Cell]) -> None:
         if not spikes_flaws.keys().isdisjoint(_encodings(group)):
             _encode(folder, study, group, encoded_part(recordings_of(study, group[0]), group[0]), content)
     tables_beside.write(folder, study, cells, recordings, table_flaws)
-    store.seal(folder, beside)
+    return _fit_at_once(recordings, cells[0])
 
 
 def _by_source(cells: Iterable[Cell]) -> list[list[Cell]]:

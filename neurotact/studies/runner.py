@@ -55,7 +55,7 @@ def run(study: Study, folder: Path, workers: int | None = None, scheduler: str |
             files.sweep(folder)
             at_last.callback(files.sweep, folder)  # drafts of worker processes that were stopped
             try:
-                _compute(engine, study, cells, folder, map_cells)
+                _compute(engine, study, cells, folder, map_cells, workers or 2)
             except InputError:
                 if is_new and not any(is_done(folder, cell) for cell in cells):
                     files.empty(folder)  # so that the user can correct the command and repeat it
@@ -63,12 +63,13 @@ def run(study: Study, folder: Path, workers: int | None = None, scheduler: str |
         _write_tables(engine, study, cells, folder)
 
 
-def _compute(engine: Engine, study: Study, cells: list[Any], folder: Path, map_cells: MapCells) -> None:
+def _compute(engine: Engine, study: Study, cells: list[Any], folder: Path, map_cells: MapCells, n_workers: int) -> None:
     """Write the missing and the damaged files: shared inputs, and the files of each cell."""
     with track("prepare", 1) as advance:
         _save_versions(folder)  # in a process, the first, whose server loads for seconds
-        in_a_process(engine.prepare, folder, study, cells)
+        fit_at_once = in_a_process(engine.prepare, folder, study, cells)
         advance(1, "")
+    engine.beside(folder, study, cells, n_workers if fit_at_once else 1)
     stop_if_asked()
     for cell in cells:
         why = store.damage(folder, cell)

@@ -25,6 +25,8 @@ from neurotact.studies.engine import AnyCell, Files
 FILES = "files.json"
 ANSWER, PAGE = "answer.json", "report.html"
 """The first screen of a report for programs, where its study has an answer in words, and the report."""
+BASELINES = ("baselines.csv", "baselines_trials.csv")
+"""What the classifiers beside the networks of a study reach, and each of their trials."""
 STUDY, RECORDINGS = "STUDY", "RECORDINGS"
 """Stand in the commands of answer.json for the folder and the recordings of the study, wherever they are."""
 DATA = "data.json"

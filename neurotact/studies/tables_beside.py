@@ -1,17 +1,16 @@
 """The tables of a study beside its cells: what its recordings, encoders and classical classifiers give.
 
-Each is written before any cell runs, from the recordings of the first cell and the spikes of all.
+Each is made before any cell runs, from the recordings of the first cell and the spikes of all.
 """
 
-from collections.abc import Callable, Container, Iterator, Sequence
+from collections.abc import Container, Iterator, Sequence
 from dataclasses import replace
 from functools import partial
 from itertools import chain
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
-import pandas as pd
 
 from neurotact import plugins
 from neurotact.baselines import opponents
@@ -26,64 +25,39 @@ from neurotact.data.windows import Windows
 from neurotact.encoders.specs import t_ref_pair_ms
 from neurotact.metrics import paired
 from neurotact.networks.training import model_selection, tasks
-from neurotact.progress import counting
 from neurotact.studies import measures, store
 from neurotact.studies.cell import task_of
-from neurotact.studies.study import Cell, StudySpec, by_split, encoder_columns, reach_ms, split_columns, value_at
+from neurotact.studies.study import Cell, StudySpec, encoder_columns, reach_ms, split_columns, value_at
 from neurotact.tables import write_table
-
-BASELINES = ("baselines.csv", "baselines_trials.csv")
-
-
-class _Beside(NamedTuple):
-    """Tables that are made together: their files, and the name of their time."""
-
-    files: tuple[str, ...]
-    make: Callable[[Path, StudySpec, Sequence[Cell], Recordings], Sequence[pd.DataFrame]]
-    timed: str
 
 
 def names(study: StudySpec) -> list[str]:
     """The files of the tables that a study asks for."""
-    return [name for one in _asked(study) for name in one.files]
+    of_study = [f"{one.table}.csv" for one in measures.requested(study.measures).values() if one.of_study is not None]
+    return [*(store.BASELINES if study.baselines != "none" else ()), *of_study]
 
 
 def write(
     folder: Path, study: StudySpec, cells: Sequence[Cell], recordings: Recordings, missing: Container[str]
 ) -> None:
-    """Write those of the study's tables that are missing."""
-    for one in _asked(study):
-        if any(name in missing for name in one.files):
-            with store.timed(folder, one.timed):
-                for name, table in zip(one.files, one.make(folder, study, cells, recordings), strict=True):
-                    write_table(table, folder / name)
+    """Write the tables of the study's measures that are missing."""
+    for name, one in measures.requested(study.measures).items():
+        if one.of_study is not None and (table := f"{one.table}.csv") in missing:
+            with store.timed(folder, name.replace("_", " ")):
+                write_table(one.of_study(folder, study, cells, recordings), folder / table)
+            store.seal(folder, [table])
 
 
-def _baselines(
-    folder: Path, study: StudySpec, cells: Sequence[Cell], recordings: Recordings
-) -> tuple[pd.DataFrame, pd.DataFrame]:
-    """Classical classifiers on the windows of the networks, for each subset and split, and their single trials.
+def rows_of(
+    folder: Path, recordings: Recordings, study: StudySpec, cell: Cell, cells: Sequence[Cell], *, is_first: bool
+) -> list[dict[str, Any]]:
+    """The rows of classifiers on the spikes of one cell; if `is_first`, also on the signals.
 
-    The second table contains, for each row of the first (`baseline`) and each validation or test trial (`side`), the
-    share of correctly classified windows; copies are one trial, the first of them.
+    cells: the first of the study's cells, and one of each data set.
     """
-    detects = task_of(cells[0]).detects
+    detects = task_of(cell).detects
     fitted = plugins.load_function("tools", "rivals_of_detectors") if detects else _fitted
-    groups = [list({cell.spikes_name: cell for cell in group}.values()) for group in by_split(cells)]
-    fitted_rows = []
-    advance = counting("classifiers on signals and spikes", sum(map(len, groups)))
-    for group in groups:
-        for cell in group:
-            fitted_rows += fitted(folder, recordings, study, cell, cells, is_first=cell is group[0])
-            advance(1)
-    shares = [row.pop(opponents.RIGHT) for row in fitted_rows]
-    trials = [
-        (row, side, *pair)
-        for row, sides in enumerate(shares)
-        for side, by_trial in sides.items()
-        for pair in by_trial.items()
-    ]
-    return pd.DataFrame(fitted_rows), pd.DataFrame(trials, columns=["baseline", "side", "trial", "right"])
+    return [*fitted(folder, recordings, study, cell, cells, is_first=is_first)]
 
 
 def _fitted(
@@ -170,16 +144,3 @@ def copied_part(recordings: Recordings, cell: Cell) -> Recordings:
     """The trials as far as the windows of their varied copies reach; the whole trials if these begin at an onset."""
     end_ms = reach_ms(cell)
     return recordings if end_ms is None or cell.augmentation is None else until(recordings, end_ms)
-
-
-def _asked(study: StudySpec) -> Iterator[_Beside]:
-    """The tables that a study asks for: of opponents, then those of its measures."""
-    if study.baselines != "none":
-        yield _Beside(BASELINES, _baselines, "baselines")
-    for name, measure in measures.requested(study.measures).items():
-        if measure.of_study is not None:
-            yield _Beside((f"{measure.table}.csv",), partial(_measured, measure.of_study), name.replace("_", " "))
-
-
-def _measured(of_study: Callable[..., pd.DataFrame], *given: Any) -> tuple[pd.DataFrame]:
-    return (of_study(*given),)

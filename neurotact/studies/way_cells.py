@@ -20,7 +20,7 @@ from neurotact.studies.way import Arrays, module_of
 from neurotact.studies.way_study import WayCell, WayStudy, swept_values
 
 
-def prepare(folder: Path, study: WayStudy, cells: Iterable[WayCell]) -> None:
+def prepare(folder: Path, study: WayStudy, cells: Iterable[WayCell]) -> bool:
     """Write missing and damaged arrays that cells share, and their hashes into data.json.
 
     Raises InputError if their recordings changed since the study started.
@@ -46,6 +46,7 @@ def prepare(folder: Path, study: WayStudy, cells: Iterable[WayCell]) -> None:
         with whole(folder / cell.given) as draft:
             np.savez(draft, allow_pickle=False, **arrays)
         store.seal(target, [f"{name}.npz"])
+    return True
 
 
 def _check(folder: Path, _: WayStudy, cells: Iterable[WayCell]) -> None:

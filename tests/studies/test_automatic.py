@@ -20,7 +20,7 @@ from neurotact.data.splits import split_conditions
 from neurotact.data.window_choice import Timing
 from neurotact.data.windows import WindowSpec
 from neurotact.errors import InputError
-from neurotact.studies import automatic, loading, preparation, study
+from neurotact.studies import automatic, loading, networks, preparation, study
 from neurotact.studies.automatic import Recorded
 from neurotact.tables import read_table
 
@@ -162,7 +162,9 @@ def test_the_baselines_of_a_fold_are_those_of_a_study_of_that_fold_alone(tmp_pat
     def fitted(**fold):
         what = loading.resolve("own-recordings", {**small, **pair, **fold}, data=tmp_path / "touches.h5")
         folder = tmp_path / f"run{len(list(tmp_path.iterdir()))}"
-        preparation.prepare(folder, what, list(study.cells(what)))
+        cells = list(study.cells(what))
+        assert preparation.prepare(folder, what, cells)
+        networks.ENGINE.beside(folder, what, cells, len({cell.split.fold for cell in cells}))  # one a process
         return read_table(folder / "baselines.csv")
 
     both = fitted(**{"sweep.split.fold": [0, 2]})

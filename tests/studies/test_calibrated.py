@@ -15,7 +15,7 @@ from neurotact.encoders.gain_search import CalibrationRule
 from neurotact.errors import InputError
 from neurotact.report import front
 from neurotact.spec import leaves
-from neurotact.studies import loading, preparation, study
+from neurotact.studies import loading, networks, preparation, study
 from neurotact.tables import read_table
 
 RULE = CalibrationRule(candidates=10, step=1.6, excerpt_s=0.4, trials_per_class=6, shuffles=1, max_silent_share=0.2)
@@ -124,6 +124,7 @@ def test_pairs_of_refractory_periods_share_one_fit(touches, monkeypatch):
 def test_baselines_stand_beside_the_networks_of_their_encoder(touches, monkeypatch):
     swept = {"sweep.encoder.tau_mem_ms": [5.0, 20.0]}
     folder, what, _ = encoded(touches, monkeypatch, **swept)
+    networks.ENGINE.beside(folder, what, list(study.cells(what)), 1)
     table = read_table(folder / "baselines.csv")
     of_spikes = table["input"].str.startswith("spikes")
     assert set(table.loc[of_spikes, "encoder.tau_mem_ms"]) == {5.0, 20.0}

@@ -15,7 +15,7 @@ from in_process import studies_here, without_pictures
 from neurotact import cli, files
 from neurotact.errors import InputError
 from neurotact.report import report
-from neurotact.studies import runner, study
+from neurotact.studies import networks, preparation, runner, study
 
 TINY = Path(__file__).parent / "tiny.toml"
 
@@ -55,6 +55,28 @@ def test_sops_of_a_row_add_up(finished):
     results = pd.read_csv(finished / "results.csv")
     assert (results.sops_input == results.hidden * (results.spikes_sa + results.spikes_ra)).all()
     assert (results.sops_total == results.sops_total_feedforward + results.sops_recurrent).all()
+
+
+@pytest.fixture(scope="module")
+def compared(tmp_path_factory):
+    """A study with classifiers beside it, and its folder: two processes fitted them."""
+    what, folder = study.resolve(TINY, {"baselines": "linear"}), tmp_path_factory.mktemp("compared")
+    runner.run(what, folder, workers=2)
+    return what, folder
+
+
+@pytest.mark.parametrize(("most", "expected"), [(preparation.MOST_AT_ONCE, 3), (0, 1)])
+def test_processes_fit_classifiers_at_once_where_windows_are_few(compared, tmp_path, monkeypatch, most, expected):
+    """Elsewhere one at a time, since each holds its windows and features; the numbers are the same."""
+    monkeypatch.setattr(preparation, "MOST_AT_ONCE", most)
+    used, (what, folder) = [], compared
+    with studies_here() as patch:
+        here = networks.pool_as_done
+        patch.setattr(networks, "pool_as_done", lambda n_workers: used.append(n_workers) or here(n_workers))
+        runner.run(what, tmp_path / "run", workers=3)
+    assert used == [expected]
+    for name in ("baselines.csv", "baselines_trials.csv"):
+        assert (tmp_path / "run" / name).read_bytes() == (folder / name).read_bytes()
 
 
 @pytest.mark.thorough
