@@ -15,7 +15,8 @@ import torch
 
 from neurotact.backend import TORCH_INSTRUCTIONS
 from neurotact.errors import InputError, first_line, optional
-from neurotact.studies.engine import AnyCell, Engine, Files, MapCells
+from neurotact.studies.engine import AnyCell, Beside, Engine, Files, MapCells
+from neurotact.studies.executors import in_one_process
 from neurotact.versions import versions
 
 if TYPE_CHECKING:
@@ -87,10 +88,12 @@ async def _reach(address: str) -> None:
 
 
 def _map_cells(
-    client: "Client", address: str, engine: Engine, cells: list[AnyCell], folder: Path
-) -> Iterator[tuple[AnyCell, Files]]:
+    client: "Client", address: str, engine: Engine, cells: list[AnyCell], folder: Path, beside: Beside | None
+) -> Iterator[tuple[Any, Any]]:
     from distributed import KilledWorker, as_completed
 
+    if beside is not None:
+        yield from in_one_process(beside)
     cell_of = _submit(client, engine, cells, folder)
     go_on = "then give the same command again: what is done is kept"
     for future in as_completed(list(cell_of), loop=client.loop):

@@ -11,7 +11,7 @@ import pytest
 
 from neurotact import cli, workers
 from neurotact.report import page
-from neurotact.studies import networks, runner
+from neurotact.studies import runner
 from neurotact.studies.store import cell_folder
 
 
@@ -39,16 +39,14 @@ def studies_here() -> Iterator[pytest.MonkeyPatch]:
 
     @contextmanager
     def here(*_):
-        yield lambda kind, cells, folder: (
-            (cell, kind.run(cell, kind.load(folder / cell.given), cell_folder(folder, cell), False)) for cell in cells
-        )
+        def map_cells(kind, cells, folder, beside):
+            yield from enumerate(map(beside.run, beside.jobs) if beside else ())
+            for cell in cells:
+                yield cell, kind.run(cell, kind.load(folder / cell.given), cell_folder(folder, cell), False)
 
-    @contextmanager
-    def one_by_one(_):
-        yield lambda task, jobs: enumerate(map(task, jobs))
+        yield map_cells
 
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(networks, "pool_as_done", one_by_one)
         for module in (runner, workers):  # the report, too
             patch.setattr(module, "in_a_process", lambda task, *arguments: task(*arguments))
         patch.setattr(runner, "executor", here)

@@ -37,8 +37,22 @@ def _all_at_once(study: Any, cells: list[Any], folder: Path) -> Iterator[Step]:
     yield Step("cells", cells)
 
 
-def _nothing_beside(folder: Path, study: Any, cells: list[Any], n_workers: int) -> None:
-    """No work."""
+class Beside(NamedTuple):
+    """What is computed beside the cells, by worker processes of this machine: its name, and jobs that need no cell.
+
+    write: writes the results of `run`, by the places of their jobs, when all are there. at_once: whether several
+    processes can do jobs at once; if not, one does all of them before the first cell.
+    """
+
+    name: str
+    run: Callable[[Any], Any]
+    jobs: Sequence[Any]
+    write: Callable[[Mapping[int, Any]], None]
+    at_once: bool
+
+
+def _nothing_beside(folder: Path, study: Any, cells: list[Any], at_once: bool) -> Beside | None:
+    """None."""
 
 
 def _every_cell(study: Any, cells: list[Any], folder: Path) -> list[Any]:
@@ -52,7 +66,7 @@ class Engine(NamedTuple):
     cells: all cells of a study, in the order of its sweep.
     prepare: writes the inputs that cells share into a run folder; called in a process, which then frees its memory.
         Says whether several processes can hold them at once.
-    beside: writes what is computed beside the cells, in so many worker processes.
+    beside: what is missing beside the cells; None if nothing is. at_once: as `prepare` says.
     check: raises InputError if a file that `prepare` wrote was changed.
     load: the input of a cell from its file.
     run: the files of a cell, from the cell, its input, the folder from which an interrupted search resumes, and whether
@@ -70,12 +84,14 @@ class Engine(NamedTuple):
     load: Callable[[Path], Any]
     run: Callable[[Any, Any, Path | None, bool], Files]
     tables: Callable[[Path, Any, Results], Mapping[str, pd.DataFrame]]
-    beside: Callable[[Path, Any, list[Any], int], None] = _nothing_beside
+    beside: Callable[[Path, Any, list[Any], bool], Beside | None] = _nothing_beside
     steps: Callable[[Any, list[Any], Path], Iterator[Step]] = _all_at_once
     wanted: Callable[[Any, list[Any], Path], list[Any]] = _every_cell
     report: Callable[[Any, Path], Path] | None = None
     own: Callable[[Mapping[str, Any], Mapping[str, Any], bool, str | Path | None], Mapping[str, Any]] | None = None
 
 
-MapCells = Callable[[Engine, list[AnyCell], Path], Iterator[tuple[AnyCell, Files]]]
-"""Computes cells from their inputs in a run folder; yields each cell with its files as soon as it is finished."""
+MapCells = Callable[[Engine, list[AnyCell], Path, Beside | None], Iterator[tuple[Any, Any]]]
+"""Does the jobs beside the cells, and computes cells from their inputs in a run folder.
+
+Yields each cell with its files, and the place of each job with its result, as soon as it is finished."""

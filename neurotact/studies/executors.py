@@ -12,7 +12,7 @@ from typing import Any
 
 from neurotact import plugins
 from neurotact.progress import at
-from neurotact.studies.engine import AnyCell, Engine, Files, MapCells
+from neurotact.studies.engine import AnyCell, Beside, Engine, Files, MapCells
 from neurotact.studies.store import cell_folder
 from neurotact.workers import pool_as_done, preload
 
@@ -31,12 +31,30 @@ def processes(n_workers: int) -> Iterator[MapCells]:
     preload(plugins.modules("opponents"))  # a cell is compared with them
     with pool_as_done(n_workers) as run:
 
-        def map_cells(engine: Engine, cells: list[AnyCell], folder: Path) -> Iterator[tuple[AnyCell, Files]]:
+        def map_cells(
+            engine: Engine, cells: list[AnyCell], folder: Path, beside: Beside | None
+        ) -> Iterator[tuple[Any, Any]]:
+            if beside is not None and not beside.at_once:
+                yield from in_one_process(beside)
+                beside = None
             places = [(folder / cell.given, cell_folder(folder, cell)) for cell in cells]
-            jobs = [(engine.load, engine.run, cell, *places[n], n == 0) for n, cell in enumerate(cells)]
-            return ((cells[index], files) for index, files in run(_run_from_disk, jobs))
+            of_cells = [(engine.load, engine.run, cell, *places[n], n == 0) for n, cell in enumerate(cells)]
+            others = [] if beside is None else [(beside.run, job) for job in beside.jobs]
+            jobs = [*others, *((_run_from_disk, job) for job in of_cells)]
+            for index, left in run(_call, jobs):
+                yield (index if index < len(others) else cells[index - len(others)]), left
 
         yield map_cells
+
+
+def in_one_process(beside: Beside) -> Iterator[tuple[int, Any]]:
+    """The place and result of each job beside the cells, one after another."""
+    with pool_as_done(1) as run:
+        yield from run(beside.run, beside.jobs)
+
+
+def _call(job: tuple[Callable[[Any], Any], Any]) -> Any:
+    return job[0](job[1])
 
 
 def _run_from_disk(job: tuple[Callable[[Path], Any], Callable[..., Files], AnyCell, Path, Path, bool]) -> Files:

@@ -2,6 +2,7 @@
 
 from collections.abc import Mapping
 from pathlib import Path
+from time import perf_counter
 from typing import Any
 
 import pandas as pd
@@ -9,14 +10,12 @@ import pandas as pd
 from neurotact.data.hdf5 import load_spikes
 from neurotact.data.spikes import SpikeTrains
 from neurotact.lazily import lazily
-from neurotact.progress import track
 from neurotact.studies import store, study
 from neurotact.studies.calibration_keys import ENCODER
 from neurotact.studies.encoding_tables import read_encoding
-from neurotact.studies.engine import Engine, Files, Results
+from neurotact.studies.engine import Beside, Engine, Files, Results
 from neurotact.studies.study import OF_SPIKES, SOURCE, Cell, StudySpec, by_split, swept_columns, value_at
 from neurotact.tables import write_table
-from neurotact.workers import pool_as_done
 
 with lazily():  # a process that waits for others, which compute, needs no torch
     from neurotact.studies import cell as cells
@@ -27,40 +26,50 @@ def _prepare(folder: Path, what: StudySpec, of: list[Cell]) -> bool:
     return preparation.prepare(folder, what, of)
 
 
-def _fit(job: tuple[Any, ...]) -> list[tuple[dict[str, Any], dict[str, Any]]]:
-    return preparation.rows_beside(*job)
+Rows = list[tuple[dict[str, Any], dict[str, Any]]]
+"""Rows of `baselines.csv`, each with its shares of correct windows by side and trial."""
 
 
-def _beside(folder: Path, what: StudySpec, of: list[Cell], n_workers: int) -> None:
-    """Fit the classical classifiers on the windows of the networks, for each split and encoder, if they are missing.
+def _fit(job: tuple[Any, ...]) -> tuple[float, Rows]:
+    began = perf_counter()
+    rows = preparation.rows_beside(*job)
+    return perf_counter() - began, rows
+
+
+def _beside(folder: Path, what: StudySpec, of: list[Cell], at_once: bool) -> Beside | None:
+    """The classical classifiers on the windows of the networks: jobs for each split and encoder.
+
+    The first of each split, on signals, too, take longest and begin first.
+    """
+    if what.baselines == "none" or not store.flaws(folder, store.BASELINES):
+        return None
+    groups = [list({cell.spikes_name: cell for cell in group}.values()) for group in by_split(of)]
+    cells = [of[0], *{cell.dataset: cell for cell in of}.values()]
+    jobs = [(folder, what, cell, cells, cell is group[0]) for group in groups for cell in group]
+    order = sorted(range(len(jobs)), key=lambda number: not jobs[number][-1])
+
+    def write(made: Mapping[int, tuple[float, Rows]]) -> None:
+        ordered = [made[place] for place in sorted(made, key=order.__getitem__)]
+        _write_baselines(folder, [row for _, rows in ordered for row in rows])
+        store.add_time(folder, "baselines", sum(seconds for seconds, _ in ordered))
+
+    return Beside("classifiers", _fit, [jobs[number] for number in order], write, at_once)
+
+
+def _write_baselines(folder: Path, rows: Rows) -> None:
+    """Write the tables of the classifiers beside the networks.
 
     `baselines_trials.csv` contains, for each row of `baselines.csv` (`baseline`) and each validation or test trial
     (`side`), the share of correctly classified windows; copies are one trial, the first of them.
     """
-    if what.baselines == "none" or not store.flaws(folder, store.BASELINES):
-        return
-    groups = [list({cell.spikes_name: cell for cell in group}.values()) for group in by_split(of)]
-    cells = [of[0], *{cell.dataset: cell for cell in of}.values()]
-    jobs = [(folder, what, cell, cells, cell is group[0]) for group in groups for cell in group]
-    longest_first = sorted(range(len(jobs)), key=lambda number: not jobs[number][-1])
-    rows: dict[int, list[tuple[dict[str, Any], dict[str, Any]]]] = {}
-    with (
-        store.timed(folder, "baselines"),
-        track("classifiers on signals and spikes", len(jobs)) as advance,
-        pool_as_done(n_workers) as run,
-    ):
-        for place, found in run(_fit, [jobs[number] for number in longest_first]):
-            rows[longest_first[place]] = found
-            advance(1, "")
-    every = [pair for number in sorted(rows) for pair in rows[number]]
     trials = [
         (number, side, *pair)
-        for number, (_, shares) in enumerate(every)
+        for number, (_, shares) in enumerate(rows)
         for side, by_trial in shares.items()
         for pair in by_trial.items()
     ]
     tables = (
-        pd.DataFrame([row for row, _ in every]),
+        pd.DataFrame([row for row, _ in rows]),
         pd.DataFrame(trials, columns=["baseline", "side", "trial", "right"]),
     )
     for name, table in zip(store.BASELINES, tables, strict=True):

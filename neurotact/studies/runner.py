@@ -55,7 +55,7 @@ def run(study: Study, folder: Path, workers: int | None = None, scheduler: str |
             files.sweep(folder)
             at_last.callback(files.sweep, folder)  # drafts of worker processes that were stopped
             try:
-                _compute(engine, study, cells, folder, map_cells, workers or 2)
+                _compute(engine, study, cells, folder, map_cells)
             except InputError:
                 if is_new and not any(is_done(folder, cell) for cell in cells):
                     files.empty(folder)  # so that the user can correct the command and repeat it
@@ -63,13 +63,12 @@ def run(study: Study, folder: Path, workers: int | None = None, scheduler: str |
         _write_tables(engine, study, cells, folder)
 
 
-def _compute(engine: Engine, study: Study, cells: list[Any], folder: Path, map_cells: MapCells, n_workers: int) -> None:
+def _compute(engine: Engine, study: Study, cells: list[Any], folder: Path, map_cells: MapCells) -> None:
     """Write the missing and the damaged files: shared inputs, and the files of each cell."""
     with track("prepare", 1) as advance:
         _save_versions(folder)  # in a process, the first, whose server loads for seconds
-        fit_at_once = in_a_process(engine.prepare, folder, study, cells)
+        at_once = in_a_process(engine.prepare, folder, study, cells)
         advance(1, "")
-    engine.beside(folder, study, cells, n_workers if fit_at_once else 1)
     stop_if_asked()
     for cell in cells:
         why = store.damage(folder, cell)
@@ -81,15 +80,24 @@ def _compute(engine: Engine, study: Study, cells: list[Any], folder: Path, map_c
     )
     for line in dict.fromkeys(line for network in unfinished for line in recipe.joined_cost(network)):
         say(line)
+    beside, made = engine.beside(folder, study, cells, at_once), {}
     for name, step_cells in engine.steps(study, cells, folder):
         todo: list[AnyCell] = [cell for cell in step_cells if not is_done(folder, cell)]
         before = len(step_cells) - len(todo)
         if before and todo:
             say(f"{folder}: resumes; {before} of {len(step_cells)} {name} are already done")
-        if todo:
-            with track(name, len(step_cells), done=before) as advance:
-                for cell, left in map_cells(engine, todo, folder):
-                    store.write_cell(left, cell, folder)
+        n_beside = len(beside.jobs) if beside else 0
+        if todo or n_beside:
+            what = f"{name} and {beside.name}" if beside else name
+            with track(what, len(step_cells) + n_beside, done=before) as advance:
+                for job, left in map_cells(engine, todo, folder, beside):
+                    if isinstance(job, int):
+                        made[job] = left
+                    else:
+                        store.write_cell(left, job, folder)
+                    if beside and len(made) == n_beside:
+                        beside.write(made)
+                        beside = None
                     advance(1, "")
                     stop_if_asked()
 

@@ -165,9 +165,13 @@ def timed(folder: Path, part: str, *, again: bool = True) -> Iterator[None]:
     """
     began = perf_counter()
     yield
+    add_time(folder, part, perf_counter() - began, again=again)
+
+
+def add_time(folder: Path, part: str, seconds: float, *, again: bool = True) -> None:
+    """As `timed`, of work that took so long."""
     known = parts_took(folder)
-    seconds = perf_counter() - began + (known.get(part, 0.0) if again else 0.0)
-    files.write_json(folder / TIMING, {**known, part: seconds})
+    files.write_json(folder / TIMING, {**known, part: seconds + (known.get(part, 0.0) if again else 0.0)})
 
 
 def parts_took(folder: Path) -> dict[str, float]:

@@ -124,7 +124,8 @@ def test_pairs_of_refractory_periods_share_one_fit(touches, monkeypatch):
 def test_baselines_stand_beside_the_networks_of_their_encoder(touches, monkeypatch):
     swept = {"sweep.encoder.tau_mem_ms": [5.0, 20.0]}
     folder, what, _ = encoded(touches, monkeypatch, **swept)
-    networks.ENGINE.beside(folder, what, list(study.cells(what)), 1)
+    beside = networks.ENGINE.beside(folder, what, list(study.cells(what)), True)
+    beside.write(dict(enumerate(map(beside.run, beside.jobs))))
     table = read_table(folder / "baselines.csv")
     of_spikes = table["input"].str.startswith("spikes")
     assert set(table.loc[of_spikes, "encoder.tau_mem_ms"]) == {5.0, 20.0}

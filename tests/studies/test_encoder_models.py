@@ -25,7 +25,7 @@ def study_of(tmp_path: Path, **parts) -> Path:
 
 @contextmanager
 def in_this_process(workers, scheduler):
-    yield lambda kind, cells, folder: (
+    yield lambda kind, cells, folder, _: (
         (cell, kind.run(cell, kind.load(folder / cell.given), None, False)) for cell in cells
     )
 

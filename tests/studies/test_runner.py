@@ -6,6 +6,7 @@ import signal
 import subprocess
 import sys
 import time
+from contextlib import contextmanager
 from pathlib import Path
 
 import pandas as pd
@@ -15,7 +16,8 @@ from in_process import studies_here, without_pictures
 from neurotact import cli, files
 from neurotact.errors import InputError
 from neurotact.report import report
-from neurotact.studies import networks, preparation, runner, study
+from neurotact.studies import executors, networks, preparation, runner, study
+from neurotact.studies.engine import Beside
 
 TINY = Path(__file__).parent / "tiny.toml"
 
@@ -65,18 +67,38 @@ def compared(tmp_path_factory):
     return what, folder
 
 
-@pytest.mark.parametrize(("most", "expected"), [(preparation.MOST_AT_ONCE, 3), (0, 1)])
-def test_processes_fit_classifiers_at_once_where_windows_are_few(compared, tmp_path, monkeypatch, most, expected):
-    """Elsewhere one at a time, since each holds its windows and features; the numbers are the same."""
+@pytest.mark.parametrize(("most", "at_once"), [(preparation.MOST_AT_ONCE, True), (0, False)])
+def test_processes_fit_classifiers_at_once_where_windows_are_few(compared, tmp_path, monkeypatch, most, at_once):
+    """Elsewhere one process does, since each holds its windows and features; the numbers are the same."""
     monkeypatch.setattr(preparation, "MOST_AT_ONCE", most)
     used, (what, folder) = [], compared
     with studies_here() as patch:
-        here = networks.pool_as_done
-        patch.setattr(networks, "pool_as_done", lambda n_workers: used.append(n_workers) or here(n_workers))
+        here = runner.executor
+
+        @contextmanager
+        def recording(*given):
+            with here(*given) as map_cells:
+                yield lambda *to: used.append(to[-1].at_once) or map_cells(*to)
+
+        patch.setattr(runner, "executor", recording)
         runner.run(what, tmp_path / "run", workers=3)
-    assert used == [expected]
+    assert used == [at_once]
     for name in ("baselines.csv", "baselines_trials.csv"):
         assert (tmp_path / "run" / name).read_bytes() == (folder / name).read_bytes()
+
+
+def _process_after(seconds: float) -> int:
+    time.sleep(seconds)
+    return os.getpid()
+
+
+@pytest.mark.parametrize("at_once", [True, False])
+def test_jobs_beside_the_cells_share_processes_if_they_may(tmp_path, at_once):
+    jobs = Beside("naps", _process_after, [0.4, 0.3, 0.2], lambda _: None, at_once)
+    with executors.processes(2) as map_cells:
+        found = dict(map_cells(networks.ENGINE, [], tmp_path, jobs))
+    assert sorted(found) == [0, 1, 2]
+    assert len(set(found.values())) == (2 if at_once else 1)
 
 
 @pytest.mark.thorough

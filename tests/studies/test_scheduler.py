@@ -135,7 +135,7 @@ def map_one(monkeypatch, error: Exception) -> None:
     future = Mock(**{"result.side_effect": error})
     monkeypatch.setattr("distributed.as_completed", lambda futures, loop: futures)
     monkeypatch.setattr(cluster, "_submit", lambda *_: {future: Mock()})
-    list(cluster._map_cells(Mock(), "tcp://here", None, [], Path("run")))
+    list(cluster._map_cells(Mock(), "tcp://here", None, [], Path("run"), None))
 
 
 @pytest.mark.parametrize("late", [True, False])
