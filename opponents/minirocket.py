@@ -3,6 +3,7 @@
 import copy
 from collections.abc import Iterator
 from dataclasses import dataclass, replace
+from functools import reduce
 from itertools import combinations, groupby
 from typing import Any, NamedTuple
 
@@ -205,8 +206,8 @@ class MiniRocketRegressor(RegressorMixin, _OnMiniRocket):
 def _scaler(features: np.ndarray) -> StandardScaler:
     """What standardises features `(trial, feature)`; fitted to all at once, it would make a copy in float64."""
     scaler = StandardScaler()
-    for first in range(0, len(features), BLOCK):
-        scaler.partial_fit(features[first : first + BLOCK])
+    for first in range(0, len(features), AT_ONCE):
+        scaler.partial_fit(features[first : first + AT_ONCE])
     return scaler
 
 
@@ -252,7 +253,7 @@ def _weights(features: np.ndarray, scaler: StandardScaler, targets: np.ndarray, 
     gram = _gram(features, scaler, axis)
     gram[np.diag_indices_from(gram)] += alpha
     if not axis:
-        targets = sum(block.T @ targets[some] for some, block in _blocks(features, scaler, axis))
+        targets = reduce(np.add, (block.T @ targets[some] for some, block in _blocks(features, scaler, axis)))
     found = cho_solve(cho_factor(gram, overwrite_a=True, check_finite=False), targets)
     return np.concatenate([block.T @ found for _, block in _blocks(features, scaler, axis)]) if axis else found
 
