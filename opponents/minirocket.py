@@ -132,10 +132,9 @@ class MiniRocket(TransformerMixin, BaseEstimator):
             for convolution in own:
                 convolved = _convolve(shifted, convolution.kernel, convolution.channels)
                 inside = convolved if convolution.padded else convolved[:, edge:-edge]
-                # One bias after the other: all at once would hold (trial, time, bias), and is no faster.
-                is_above = torch.empty(inside.shape)
-                shares = [torch.gt(inside, bias, out=is_above).mean(dim=1) for bias in convolution.biases.tolist()]
-                features.append(torch.stack(shares, dim=1).numpy())
+                biases = torch.from_numpy(convolution.biases)[:, None]
+                is_above = torch.empty(len(inside), len(biases), inside.shape[1])
+                features.append(torch.gt(inside[:, None], biases, out=is_above).mean(dim=2).numpy())
         return np.concatenate(features, axis=1)
 
 
@@ -165,7 +164,7 @@ class _OnMiniRocket(BaseEstimator):
         scaler, center = _scaler(features), targets.mean(axis=0)
         weights = _weights(features, scaler, targets - center, alpha)
         few = np.unique(labels, return_index=True)[1] if is_class else slice(2)
-        ridge = self._ridge(alpha).fit(scaler.transform(features[few]), labels[few])  # it knows the classes now
+        ridge = self._ridge(alpha).fit(np.zeros((len(labels[few]), len(weights))), labels[few])  # it knows the classes
         ridge.coef_ = weights.T.reshape(ridge.coef_.shape)
         ridge.intercept_ = center.reshape(np.shape(ridge.intercept_))
         self.ridge_ = Pipeline([("standardscaler", scaler), (type(ridge).__name__.lower(), ridge)])

@@ -121,8 +121,10 @@ def test_its_penalty_and_weights_are_those_of_scikit_learn(shape, monkeypatch):
 def test_a_fit_holds_its_features_once_and_one_gram_matrix(monkeypatch):
     """A copy in float64 would be twice the features; the matrix and what is standardised at once are less than them."""
     features = np.random.default_rng(0).random((400, 8000), np.float32)
+    features[1], features[2] = features[0], 1.4  # a matrix of one trial a class would be ill-conditioned: a warning
     made_to_give(monkeypatch, features)
     monkeypatch.setattr(rocket, "MOST_SEARCHED", 50)
+    monkeypatch.setattr(rocket, "ALPHAS", (4e-3,))
     tracemalloc.start()
     try:
         MiniRocketClassifier(84).fit(None, np.arange(400) % 3)
