@@ -233,7 +233,7 @@ def _penalty(features: np.ndarray, targets: np.ndarray) -> float:
     the intercept fits is given the eigenvalue `far`, so that no other one is like it, and its part is taken away.
     """
     n, gram = len(features), _gram(features, _scaler(features), axis=1)
-    far = float(np.trace(gram)) or 1.0
+    far = float(np.trace(gram))
     values, vectors = eigh(gram + far / n, lower=False, overwrite_a=True, check_finite=False)
     projected, squares, errors = vectors.T @ (targets - targets.mean(axis=0)), np.square(vectors), []
     for alpha in ALPHAS:
