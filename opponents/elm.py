@@ -13,7 +13,8 @@ from sklearn.base import BaseEstimator, ClassifierMixin
 from sklearn.utils import check_random_state
 
 from neurotact.baselines.opponent import Opponent, Settings, Sides
-from neurotact.checks import at_least, further_examples, one_of, training_examples
+from neurotact.checks import at_least, one_of
+from neurotact.estimators import further_examples, training_examples
 from neurotact.metrics.flops import Dense, Layer
 
 Activation = Literal["sigmoid", "relu", "hard_limit"]

@@ -1,7 +1,9 @@
 """MiniRocket: shares of positive values of many fixed convolutions, and a ridge classifier or regression on them."""
 
 import copy
+from collections.abc import Iterator
 from dataclasses import dataclass, replace
+from functools import reduce
 from itertools import combinations, groupby
 from typing import Any, NamedTuple
 
@@ -9,10 +11,12 @@ import numpy as np
 import torch
 from neurotact_parts.opponents import rounding
 from numpy.typing import ArrayLike
+from scipy.linalg import cho_factor, cho_solve, eigh
+from scipy.linalg.blas import dsyrk
 from sklearn.base import BaseEstimator, ClassifierMixin, RegressorMixin, TransformerMixin
-from sklearn.linear_model import Ridge, RidgeClassifier, RidgeClassifierCV, RidgeCV
-from sklearn.pipeline import make_pipeline
-from sklearn.preprocessing import StandardScaler
+from sklearn.linear_model import Ridge, RidgeClassifier
+from sklearn.pipeline import Pipeline
+from sklearn.preprocessing import LabelBinarizer, StandardScaler
 from sklearn.utils import check_random_state
 from sklearn.utils.validation import check_is_fitted
 
@@ -34,6 +38,8 @@ MOST_CHANNELS = 9
 GOLDEN = (5**0.5 + 1) / 2
 AT_ONCE = 64
 """Sequences in one computation, which bounds its memory."""
+BLOCK = 256
+"""Features, or trials, that are standardised and added to a Gram matrix at once."""
 ALPHAS = tuple(np.logspace(-3, 3, 10).tolist())
 MOST_SEARCHED = 2000
 """Training trials on which the penalty is searched: leaving out each in turn takes time with the third power."""
@@ -126,17 +132,16 @@ class MiniRocket(TransformerMixin, BaseEstimator):
             for convolution in own:
                 convolved = _convolve(shifted, convolution.kernel, convolution.channels)
                 inside = convolved if convolution.padded else convolved[:, edge:-edge]
-                # One bias after the other: all at once would hold (trial, time, bias), and is no faster.
-                shares = [(inside > bias).float().mean(dim=1) for bias in convolution.biases.tolist()]
-                features.append(torch.stack(shares, dim=1).numpy())
+                biases = torch.from_numpy(convolution.biases)[:, None]
+                is_above = torch.empty(len(inside), len(biases), inside.shape[1])
+                features.append(torch.gt(inside[:, None], biases, out=is_above).mean(dim=2).numpy())
         return np.concatenate(features, axis=1)
 
 
 class _OnMiniRocket(BaseEstimator):
     """Ridge on standardised MiniRocket features; leave-one-out on training trials chooses its penalty."""
 
-    _searched: type
-    _last: type
+    _ridge: type
 
     def __init__(self, features: int = FEATURES, random_state: int | np.random.RandomState | None = None):
         self.features = features
@@ -147,18 +152,22 @@ class _OnMiniRocket(BaseEstimator):
         self.transform_ = MiniRocket(self.features, self.random_state)
         features = self.transform_.fit_transform(X)
         is_class = isinstance(self, ClassifierMixin)
-        labels = trial_labels(y, len(features)) if is_class else np.asarray(y)
+        labels = trial_labels(y, len(features)) if is_class else np.asarray(y, float)
+        targets = LabelBinarizer(neg_label=-1).fit_transform(labels) if is_class else labels.reshape(len(labels), -1)
         some = part_of(labels, MOST_SEARCHED)
-        ridge = make_pipeline(StandardScaler(), self._searched(alphas=ALPHAS)).fit(features[some], labels[some])
         if len(some) < len(labels):
             say_once(
                 f"baselines: the penalty of MiniRocket is searched on {len(some):,} training windows, evenly over "
                 "their labels; it is fitted to all"
             )
-            features = features.astype(np.float64)
-            last = self._last(ridge[-1].alpha_, copy_X=False, solver="cholesky")
-            ridge = make_pipeline(StandardScaler(copy=False), last).fit(features, labels)
-        self.ridge_ = ridge
+        alpha = _penalty(features[some], targets[some])
+        scaler, center = _scaler(features), targets.mean(axis=0)
+        weights = _weights(features, scaler, targets - center, alpha)
+        few = np.unique(labels, return_index=True)[1] if is_class else slice(2)
+        ridge = self._ridge(alpha).fit(np.zeros((len(labels[few]), len(weights))), labels[few])  # it knows the classes
+        ridge.coef_ = weights.T.reshape(ridge.coef_.shape)
+        ridge.intercept_ = center.reshape(np.shape(ridge.intercept_))
+        self.ridge_ = Pipeline([("standardscaler", scaler), (type(ridge).__name__.lower(), ridge)])
         if is_class:
             self.classes_ = ridge.classes_
         return self
@@ -179,7 +188,7 @@ class MiniRocketClassifier(ClassifierMixin, _OnMiniRocket):
     ['a', 'b']
     """
 
-    _searched, _last = RidgeClassifierCV, RidgeClassifier
+    _ridge = RidgeClassifier
 
 
 class MiniRocketRegressor(RegressorMixin, _OnMiniRocket):
@@ -190,7 +199,62 @@ class MiniRocketRegressor(RegressorMixin, _OnMiniRocket):
     (8,)
     """
 
-    _searched, _last = RidgeCV, Ridge
+    _ridge = Ridge
+
+
+def _scaler(features: np.ndarray) -> StandardScaler:
+    """What standardises features `(trial, feature)`; fitted to all at once, it would make a copy in float64."""
+    scaler = StandardScaler()
+    for first in range(0, len(features), AT_ONCE):
+        scaler.partial_fit(features[first : first + AT_ONCE])
+    return scaler
+
+
+def _blocks(features: np.ndarray, scaler: StandardScaler, axis: int) -> Iterator[tuple[slice, np.ndarray]]:
+    """Standardised features in float64, `BLOCK` trials (axis 0) or features (axis 1) at once, and which these are."""
+    for first in range(0, features.shape[axis], BLOCK):
+        some = slice(first, first + BLOCK)
+        rows, columns = (some, slice(None)) if axis == 0 else (slice(None), some)
+        yield some, (features[rows, columns] - scaler.mean_[columns]) / scaler.scale_[columns]
+
+
+def _gram(features: np.ndarray, scaler: StandardScaler, axis: int) -> np.ndarray:
+    """Products of standardised trials (axis 1) or features (axis 0), summed over the other axis; the upper triangle."""
+    gram = np.zeros((features.shape[1 - axis],) * 2, order="F")
+    for _, block in _blocks(features, scaler, axis):
+        gram = dsyrk(1.0, block.T, 1.0, gram, trans=axis, overwrite_c=True)
+    return gram
+
+
+def _penalty(features: np.ndarray, targets: np.ndarray) -> float:
+    """The first of `ALPHAS` with the least squared error on each trial in turn, left out of a ridge regression.
+
+    From one eigendecomposition (Rifkin and Lippert 2007, MIT-CSAIL-TR-2007-025), as scikit-learn's. The direction that
+    the intercept fits is given the eigenvalue `far`, so that no other one is like it, and its part is taken away.
+    """
+    n, gram = len(features), _gram(features, _scaler(features), axis=1)
+    far = float(np.trace(gram))
+    values, vectors = eigh(gram + far / n, lower=False, overwrite_a=True, check_finite=False)
+    projected, squares, errors = vectors.T @ (targets - targets.mean(axis=0)), np.square(vectors), []
+    for alpha in ALPHAS:
+        gains = 1 / (values + alpha)
+        inverse = squares @ gains - 1 / (n * (far + alpha))
+        errors.append(np.square(vectors @ (gains[:, None] * projected) / inverse[:, None]).mean())
+    return ALPHAS[int(np.argmin(errors))]
+
+
+def _weights(features: np.ndarray, scaler: StandardScaler, targets: np.ndarray, alpha: float) -> np.ndarray:
+    """Ridge weights `(feature, output)` for standardised features and targets without their mean.
+
+    Of the Gram matrices of trials and of features the smaller one is factored, in its own memory.
+    """
+    axis = int(len(features) <= features.shape[1])
+    gram = _gram(features, scaler, axis)
+    gram[np.diag_indices_from(gram)] += alpha
+    if not axis:
+        targets = reduce(np.add, (block.T @ targets[some] for some, block in _blocks(features, scaler, axis)))
+    found = cho_solve(cho_factor(gram, overwrite_a=True, check_finite=False), targets)
+    return np.concatenate([block.T @ found for _, block in _blocks(features, scaler, axis)]) if axis else found
 
 
 def dilations(n_steps: int, features: int) -> list[tuple[int, int]]:
@@ -222,8 +286,8 @@ def _channels(n_channels: int, rng: np.random.RandomState) -> np.ndarray:
 
 
 def _shifted(signals: torch.Tensor, dilation: int) -> dict[int, torch.Tensor]:
-    """The sequences as each of the nine weights sees them, `(trial, channel, time)`; -1: their sum."""
-    by_channel = signals.transpose(1, 2)
+    """The sequences as each of the nine weights sees them, `(channel, trial, time)`; -1: their sum."""
+    by_channel = signals.permute(2, 0, 1)
     n_steps = by_channel.shape[2]
     edge = (KERNEL - 1) * dilation // 2
     padded = torch.nn.functional.pad(by_channel, (edge, edge))
@@ -237,8 +301,12 @@ def _convolve(shifted: dict[int, torch.Tensor], kernel: int, channels: np.ndarra
     Weights of 2 and -1 are 3 more than -1, and -1: the sum of all nine is shared by the 84 kernels.
     """
     one, two, three = (shifted[tap] for tap in TRIPLES[kernel])
-    parts = [3 * (one[:, c] + two[:, c] + three[:, c]) - shifted[-1][:, c] for c in channels.tolist()]
-    return parts[0] if len(parts) == 1 else torch.stack(parts).sum(dim=0)
+    summed = None
+    for c in channels.tolist():
+        part = (one[c] + two[c]).add_(three[c]).mul_(3).sub_(shifted[-1][c])
+        summed = part if summed is None else summed.add_(part)
+    assert summed is not None
+    return summed
 
 
 @dataclass(frozen=True)

@@ -20,7 +20,7 @@ FLOORS = (
     ("errors",),
     ("interrupt", "effects", "classes", "lazily"),
     ("files", "loaded", "progress", "backend", "notebook", "repeated_warnings"),
-    ("spec", "effects", "neurons", "tables", "checks", "plugins", "workers", "versions"),
+    ("spec", "effects", "neurons", "tables", "checks", "estimators", "plugins", "workers", "versions"),
     ("data",),
     ("metrics",),
     ("encoders",),

@@ -13,7 +13,6 @@ from typing import Any, Literal, NamedTuple, TypeVar, get_args
 
 import numpy as np
 from numpy.typing import ArrayLike
-from sklearn.exceptions import ConvergenceWarning
 
 from neurotact import plugins
 from neurotact.checks import one_of
@@ -158,6 +157,8 @@ class Opponent:
             estimator.set_params(**dict.fromkeys(is_open, seed))
         held = {"validation": (sides.validation, _plain(sides.y_validation))}
         takes_held = "validation" in inspect.signature(estimator.fit).parameters
+        from sklearn.exceptions import ConvergenceWarning
+
         with warnings.catch_warnings():
             warnings.simplefilter("ignore", ConvergenceWarning)  # for features that carry no information
             estimator.fit(sides.train, _plain(sides.y_train), **held if takes_held else {})

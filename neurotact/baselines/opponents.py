@@ -192,8 +192,7 @@ def signal_inputs(
     for words, n_steps, of_sequences in _sequences_of("samples", cuts, least, opponents):
         made = Cost() if n_steps >= samples else cost(Averaging(samples, n_steps, taxels))
         made += cost(StandardisedSteps(n_steps, taxels), signal_ms=cuts.length_ms)
-        kind = pieces[0].dtype if least == n_steps == samples else np.float64
-        yield Input(SIGNALS, words, None, averaged(pieces, n_steps, kind), made, of_sequences)
+        yield Input(SIGNALS, words, None, averaged(pieces, n_steps, pieces[0].dtype), made, of_sequences)
 
 
 def _sequences_of(

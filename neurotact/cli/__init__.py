@@ -32,6 +32,7 @@ def main() -> None:
     if isinstance(sys.stdout, TextIOWrapper):
         sys.stdout.reconfigure(errors="backslashreplace")  # a terminal may be unable to print µ
     warnings.showwarning = lambda message, *_: say(message)
+    warnings.filterwarnings("ignore", ".*joblib will operate in serial mode")  # where no file may grow; it runs nothing
     try:
         for word in sys.argv[1:]:
             files.check_text(word)

@@ -39,6 +39,10 @@ from neurotact.encoders.model import DrivenSpec, EncoderSpec
 from neurotact.encoders.scaling import REST_SD, Scaling, Spread, highest_of, spread_of
 from neurotact.encoders.sensitivity import Sensitivity, adjusted, sensitivities_of
 from neurotact.encoders.specs import (
+    BY_CALIBRATION,
+    CLOCK_HZ,
+    FITTED,
+    PAST,
     SA_RA,
     conditioning_of,
     exact_note,
@@ -52,10 +56,6 @@ from neurotact.metrics.decision import Decision, otherwise
 from neurotact.metrics.linear import cross_validated_accuracy
 from neurotact.spec import refuse
 
-CLOCK_HZ = 1000.0
-"""A clock that can express a refractory period of 1 ms."""
-PAST: tuple[Baseline, ...] = ("none", "start", "high-pass")
-"""Baselines that `calibrate_causally` chooses from (ties: the first)."""
 NEAR = 0.2
 """Difference from a requested rate, as a share of it, that is not worth a note."""
 WIDER, MOST_CUTOFFS = 4.0, 3
@@ -73,10 +73,6 @@ CLOCKED = "integration = 'clock'"
 
 _MOST_VALUES = 1_000_000
 """Steps of a trial that are sampled; in a longer trial every second step, or every third, and so on."""
-
-FITTED = ("unit", "sa1.gain", "ra1.gain", "pc.gain", "conditioning.offset", "conditioning.scale")
-"""Keys of an encoder that calibration always sets."""
-BY_CALIBRATION = "calibration sets it from the training trials and would ignore a given value; leave it out"
 
 
 log = logging.getLogger("neurotact")

@@ -9,12 +9,20 @@ import numpy as np
 
 from neurotact import plugins
 from neurotact import spec as specs
-from neurotact.data.conditioning import ConditioningSpec, check_used
+from neurotact.data.conditioning import Baseline, ConditioningSpec, check_used
 from neurotact.encoders import closed_form
 from neurotact.encoders.afferents import LEAST_EXACT_MS, POPULATIONS, AfferentSpec, check_taxels, marks, under
 from neurotact.encoders.closed_form import ExactState
 from neurotact.encoders.model import SA_RA, EncoderSpec, Model, Population, checked, name_in, names, of_name, part_of
 from neurotact.errors import InputError, nearest
+
+CLOCK_HZ = 1000.0
+"""A clock that can express a refractory period of 1 ms."""
+PAST: tuple[Baseline, ...] = ("none", "start", "high-pass")
+"""Baselines that `calibrate_causally` chooses from (ties: the first)."""
+FITTED = ("unit", "sa1.gain", "ra1.gain", "pc.gain", "conditioning.offset", "conditioning.scale")
+"""Keys of an encoder that calibration always sets."""
+BY_CALIBRATION = "calibration sets it from the training trials and would ignore a given value; leave it out"
 
 
 def populations(encoder: Mapping[str, Any] | EncoderSpec) -> tuple[Population, ...]:

@@ -11,7 +11,7 @@ from numpy.typing import ArrayLike
 from sklearn.base import TransformerMixin
 from sklearn.utils.validation import check_is_fitted
 
-from neurotact.checks import NestedSettings, check_last_axis, class_labels, sequences, warn_of_swapped
+from neurotact.checks import check_last_axis, class_labels, sequences, warn_of_swapped
 from neurotact.data.recordings import Recordings, check_sampling_rate
 from neurotact.data.windowed import Origin, SpikeArray
 from neurotact.encoders import calibration, specs
@@ -19,6 +19,7 @@ from neurotact.encoders.afferents import AfferentSpec
 from neurotact.encoders.encoding import encode_recordings
 from neurotact.encoders.model import EncoderSpec, usable
 from neurotact.errors import InputError
+from neurotact.estimators import NestedSettings
 from neurotact.spec import checked_settings, leaves
 
 AXES = "trial, time, taxel"
@@ -104,7 +105,7 @@ class SpikeEncoder(TransformerMixin, NestedSettings):
     def _calibrates(self, spec: EncoderSpec, y: ArrayLike | None) -> bool:
         """Whether `fit` chooses the gains."""
         is_shipped = isinstance(self.encoder, str) and not self.encoder.endswith(".toml") and "/" not in self.encoder
-        has_gains = not {*leaves(checked_settings(self.settings))}.isdisjoint(calibration.FITTED)
+        has_gains = not {*leaves(checked_settings(self.settings))}.isdisjoint(specs.FITTED)
         if self.calibrate is None:
             return y is not None and is_shipped and isinstance(spec, AfferentSpec) and not has_gains
         if not self.calibrate:

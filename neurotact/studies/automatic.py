@@ -26,8 +26,7 @@ from neurotact.data.splits import SplitSpec, check_each, split_conditions, turns
 from neurotact.data.trial_choice import EVERY, TrialChoice, chosen_trials, fewer_trials
 from neurotact.data.window_choice import FOUND, LATE, RESTS, Timing, Words, choose, left_after
 from neurotact.data.windows import WindowSpec
-from neurotact.encoders.calibration import CLOCK_HZ
-from neurotact.encoders.specs import exact_note
+from neurotact.encoders.specs import CLOCK_HZ, exact_note
 from neurotact.errors import InputError
 from neurotact.networks.training import balancing
 from neurotact.spec import Spec, build, override, read, unsaved

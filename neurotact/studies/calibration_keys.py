@@ -8,9 +8,9 @@ from collections.abc import Mapping, Sequence
 from typing import Any
 
 from neurotact.data.conditioning import ACAUSAL, check_used
-from neurotact.encoders.calibration import BY_CALIBRATION, FITTED, PAST
 from neurotact.encoders.model import EncoderSpec
 from neurotact.encoders.sensitivity import sensitivities_of
+from neurotact.encoders.specs import BY_CALIBRATION, FITTED, PAST
 from neurotact.errors import InputError
 from neurotact.spec import leaves, refuse
 from neurotact.studies import sweeps

@@ -21,11 +21,11 @@ from neurotact.data.recordings import Recordings, select_conditions
 from neurotact.data.spikes import SpikeTrains
 from neurotact.data.splits import training_touches
 from neurotact.data.windows import check_fit, steps_of
-from neurotact.encoders.calibration import CLOCK_HZ, calibration_for
+from neurotact.encoders.calibration import calibration_for
 from neurotact.encoders.encoding import encode_recordings
 from neurotact.encoders.gain_search import CalibrationRule
 from neurotact.encoders.model import EncoderSpec
-from neurotact.encoders.specs import with_t_refs
+from neurotact.encoders.specs import CLOCK_HZ, with_t_refs
 from neurotact.errors import InputError
 from neurotact.files import write_json
 from neurotact.networks.training.tasks import split_of

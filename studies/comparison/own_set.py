@@ -21,7 +21,7 @@ from neurotact.data.trial_choice import TrialChoice, chosen_trials
 from neurotact.data.window_choice import timing_of
 from neurotact.data.windows import cut
 from neurotact.encoders.afferents import AfferentSpec
-from neurotact.encoders.calibration import CLOCK_HZ, PAST
+from neurotact.encoders.specs import CLOCK_HZ, PAST
 from neurotact.errors import InputError
 from neurotact.spec import build, load, override
 from neurotact.studies import automatic

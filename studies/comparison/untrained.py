@@ -32,8 +32,8 @@ from neurotact.data.spikes import SpikeTrains
 from neurotact.data.splits import Split, SplitSpec, split_conditions, turns_of
 from neurotact.data.trial_choice import chosen_trials
 from neurotact.data.windows import check_fit
-from neurotact.encoders.calibration import CLOCK_HZ, GRADES
-from neurotact.encoders.specs import t_ref_pair_ms
+from neurotact.encoders.calibration import GRADES
+from neurotact.encoders.specs import CLOCK_HZ, t_ref_pair_ms
 from neurotact.errors import InputError, nearest, some
 from neurotact.figures.columns import quantity
 from neurotact.files import scratch

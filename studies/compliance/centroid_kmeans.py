@@ -15,7 +15,8 @@ from sklearn.metrics import pairwise_distances_argmin
 from sklearn.utils import check_random_state
 
 from neurotact.baselines.opponent import Opponent
-from neurotact.checks import at_least, further_examples, one_of, training_examples
+from neurotact.checks import at_least, one_of
+from neurotact.estimators import further_examples, training_examples
 from neurotact.metrics.flops import NearestPoints
 
 Init = Literal["k-means++", "class-mean"]

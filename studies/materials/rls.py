@@ -12,7 +12,8 @@ from sklearn.base import BaseEstimator, ClassifierMixin
 from sklearn.metrics.pairwise import rbf_kernel
 
 from neurotact.baselines.opponent import Opponent, Settings, Sides
-from neurotact.checks import at_least, further_examples, training_examples
+from neurotact.checks import at_least
+from neurotact.estimators import further_examples, training_examples
 from neurotact.metrics.flops import Layer
 
 

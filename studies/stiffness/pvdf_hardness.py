@@ -25,8 +25,9 @@ from neurotact.data.recordings import Recordings
 from neurotact.data.splits import Split, SplitSpec, split_trials
 from neurotact.data.windows import WindowSpec
 from neurotact.encoders.afferents import AfferentSpec, AfferentType
-from neurotact.encoders.calibration import BY_CALIBRATION, FITTED, calibrate
+from neurotact.encoders.calibration import calibrate
 from neurotact.encoders.encoding import encode_recordings
+from neurotact.encoders.specs import BY_CALIBRATION, FITTED
 from neurotact.errors import InputError
 from neurotact.figures.style import Drawn
 from neurotact.metrics.flops import MovingAverage, cost

@@ -18,10 +18,11 @@ from torch import Tensor
 from torch.nn import functional
 
 from neurotact.baselines.opponent import Opponent
-from neurotact.checks import at_least, fraction, further_examples, one_of, training_examples
+from neurotact.checks import at_least, fraction, one_of
 from neurotact.data.copies import equal_examples
 from neurotact.data.splits import hold_out
 from neurotact.errors import InputError
+from neurotact.estimators import further_examples, training_examples
 from neurotact.metrics.flops import Dense, Layer
 from neurotact.networks.definition.optimisers import kind_of
 

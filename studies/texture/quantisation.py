@@ -28,8 +28,9 @@ from neurotact.data.recordings import LABEL, Recordings
 from neurotact.data.splits import SplitSpec, split_touches
 from neurotact.data.windows import WindowSpec
 from neurotact.encoders.afferents import POPULATIONS, AfferentSpec
-from neurotact.encoders.calibration import BY_CALIBRATION, FITTED, calibrate
+from neurotact.encoders.calibration import calibrate
 from neurotact.encoders.encoding import encode_recordings
+from neurotact.encoders.specs import BY_CALIBRATION, FITTED
 from neurotact.figures.style import (
     MUTED,
     PALE,

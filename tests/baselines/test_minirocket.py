@@ -1,14 +1,25 @@
 """MiniRocket: a feature counted by hand, its size and range, and what it recognises."""
 
 import inspect
+import tracemalloc
 
 import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 from levels import examples
-from neurotact_parts.opponents.minirocket import TRIPLES, Convolution, MiniRocket, MiniRocketClassifier, dilations
-from sklearn.linear_model import RidgeClassifierCV
+from neurotact_parts.opponents import minirocket as rocket
+from neurotact_parts.opponents.minirocket import (
+    ALPHAS,
+    TRIPLES,
+    Convolution,
+    MiniRocket,
+    MiniRocketClassifier,
+    MiniRocketRegressor,
+    dilations,
+)
+from sklearn.linear_model import RidgeClassifierCV, RidgeCV
+from sklearn.preprocessing import StandardScaler
 
 from neurotact.errors import InputError
 
@@ -76,6 +87,50 @@ def test_its_ridge_sees_standardised_features():
     standard = (features - features.mean(axis=0)) / np.where(features.std(axis=0) > 0, features.std(axis=0), 1.0)
     wanted = RidgeClassifierCV(alphas=np.logspace(-3, 3, 10)).fit(standard, y).decision_function(standard)
     np.testing.assert_allclose(fitted.ridge_.decision_function(features), wanted, rtol=1e-3)
+
+
+def made_to_give(monkeypatch, features: np.ndarray) -> None:
+    monkeypatch.setattr(MiniRocket, "fit_transform", lambda self, X, y=None: features)
+    monkeypatch.setattr(MiniRocket, "transform", lambda self, X: features)
+
+
+@pytest.mark.parametrize("shape", [(400, 84), (60, 168), (30, 168)])
+def test_its_penalty_and_weights_are_those_of_scikit_learn(shape, monkeypatch):
+    """Also with constant features, and with trials that are equal."""
+    rng, chosen = np.random.default_rng(0), set()
+    features = rng.normal(3.0, 2.0, shape).astype(np.float32)
+    features[:, 5], features[7] = 1.5, features[8]
+    made_to_give(monkeypatch, features)
+    standard = StandardScaler().fit(features.astype(float)).transform(features.astype(float))
+    for noise in (0.0, 1.0, 10.0, 100.0):
+        levels = features[:, :2] @ np.array([[1.0, 2.0], [0.5, -1.0]]) + rng.normal(0, noise + 1e-6, (len(features), 2))
+        searched = RidgeCV(alphas=ALPHAS).fit(standard, levels)
+        fitted = MiniRocketRegressor(84).fit(None, levels)
+        assert fitted.ridge_[-1].alpha == searched.alpha_
+        np.testing.assert_allclose(fitted.ridge_[-1].coef_, searched.coef_, atol=1e-6 * np.abs(searched.coef_).max())
+        np.testing.assert_allclose(fitted.predict(None), searched.predict(standard), atol=1e-4 * np.abs(levels).max())
+        chosen.add(searched.alpha_)
+    assert len(chosen) > 1
+    for y in (levels[:, 0] > 0, np.digitize(levels[:, 0], np.quantile(levels[:, 0], [0.3, 0.6]))):
+        told = RidgeClassifierCV(alphas=ALPHAS).fit(standard, y)
+        fitted = MiniRocketClassifier(84).fit(None, y)
+        np.testing.assert_allclose(fitted.ridge_[-1].coef_, told.coef_, atol=1e-6 * np.abs(told.coef_).max())
+        np.testing.assert_array_equal(fitted.predict(None), told.predict(standard))
+
+
+def test_a_fit_holds_its_features_once_and_one_gram_matrix(monkeypatch):
+    """A copy in float64 would be twice the features; the matrix and what is standardised at once are less than them."""
+    features = np.random.default_rng(0).random((400, 8000), np.float32)
+    features[1], features[2] = features[0], 1.4  # a matrix of one trial a class would be ill-conditioned: a warning
+    made_to_give(monkeypatch, features)
+    monkeypatch.setattr(rocket, "MOST_SEARCHED", 50)
+    monkeypatch.setattr(rocket, "ALPHAS", (4e-3,))
+    tracemalloc.start()
+    try:
+        MiniRocketClassifier(84).fit(None, np.arange(400) % 3)
+        assert tracemalloc.get_traced_memory()[1] < 0.8 * features.nbytes
+    finally:
+        tracemalloc.stop()
 
 
 def test_it_is_as_large_as_published_unless_another_size_is_asked_for():

@@ -14,7 +14,6 @@ from sklearn.utils.validation import check_is_fitted
 
 from neurotact import effects
 from neurotact.checks import (
-    NestedSettings,
     check_last_axis,
     class_labels,
     fraction,
@@ -28,6 +27,7 @@ from neurotact.data.splits import hold_out, hold_out_groups
 from neurotact.data.windowed import Origin, in_order
 from neurotact.data.windows import WindowSpec, whole_steps
 from neurotact.errors import InputError
+from neurotact.estimators import NestedSettings
 from neurotact.metrics import synops
 from neurotact.metrics.prices import DEFAULT, PriceList, price_list
 from neurotact.networks.definition import recipe
