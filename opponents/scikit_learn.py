@@ -25,7 +25,7 @@ SVM_GAMMAS, SVM_CS = (0.0625, 0.25, 1.0, 4.0), (1.0, 10.0, 100.0)
 """Gamma, before division by the number of features."""
 MOST_MACHINES = 10_000
 """Training examples up to which support vector machines are fitted: their time grows with the square of the number."""
-MOST_SEARCHED, FITTED = 2000, 2
+MOST_SEARCHED, FITTED = 2000, 3
 """Training examples on which C and gamma are searched, and how many of the settings are then fitted to all of them."""
 
 
