@@ -22,7 +22,7 @@ from neurotact.progress import Tell, untold
 
 with lazily():
     import pandas as pd
-    from neurotact_parts.studies.publishing import methods, prints, references
+    from neurotact_parts.studies.publishing import methods, prints, references, wide_tables
 
     from neurotact import checks, tables
     from neurotact.data import dataset, hdf5
@@ -55,7 +55,7 @@ digits.
 | `study.toml` | the study with every setting, as `neurotact study run` takes it |
 | `versions.json` | versions of the software, the machine |
 | `answer.json` | the answer in words and numbers |
-| `tables/` | every table as CSV and, for papers, as LaTeX (packages booktabs and longtable) |
+| `tables/` | every table as CSV and, up to {rows} rows, as LaTeX (its first line names the packages) |
 | `figures/` | the figures as PDF, {width_mm:.0f} mm wide |
 | `methods.md` | the methods in words, with the numbers of `study.toml` |
 | `references.bib` | BibTeX of the software and of what the study uses |
@@ -228,10 +228,11 @@ def _write_tables(draft: Path, folder: Path, study: "loading.Study") -> list[str
         (draft / "tables").mkdir(parents=True, exist_ok=True)
         shutil.copyfile(folder / name, draft / "tables" / name)
         about = f"{study.title}: {captions.get(name, Path(name).stem)}"
-        tables.write_table(tables.read_table(folder / name), (draft / "tables" / name).with_suffix(".tex"), about)
+        if text := wide_tables.in_latex_parts(tables.read_table(folder / name), about):
+            _write((draft / "tables" / name).with_suffix(".tex"), text)
     for number, shown in enumerate(_shown(folder, study), 1):
         table = pd.DataFrame(shown["rows"], columns=shown["columns"])
-        tables.write_table(table, draft / "tables" / f"shown-{number}.tex", shown["caption"])
+        _write(draft / "tables" / f"shown-{number}.tex", wide_tables.in_latex_parts(table, shown["caption"]))
     return [store.ANSWER, *names] if (folder / store.ANSWER).is_file() else names
 
 
@@ -264,7 +265,9 @@ def _readme(study: "loading.Study", sources: list[_Source], width_in: float, wit
     row = f"| `data/`, `{RECORDINGS}` | the recordings, and their hashes: `sha256sum -c {RECORDINGS}` |\n"
     names = {"again": AGAIN, "recordings": row if sources else "", "hashes": HASHES}
     about = " ".join(study.about.split())
-    text = README.format(title=study.title, about=about, needs=needs, width_mm=25.4 * width_in, **names)
+    text = README.format(
+        title=study.title, about=about, needs=needs, width_mm=25.4 * width_in, rows=wide_tables.MOST, **names
+    )
     return re.sub(r"\n{3,}", "\n\n", text)
 
 
