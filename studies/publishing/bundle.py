@@ -22,7 +22,7 @@ from neurotact.progress import Tell, untold
 
 with lazily():
     import pandas as pd
-    from neurotact_parts.studies.publishing import methods, prints, references, wide_tables
+    from neurotact_parts.studies.publishing import methods, prints, ran, references, wide_tables
 
     from neurotact import checks, tables
     from neurotact.data import dataset, hdf5
@@ -117,12 +117,15 @@ def bundle_study(
         runner.write_tables(folder)
         with _printing(draft / "figures", WIDTHS_in[width]):  # in this process, which draws for the paper
             report.write(folder)
-        names = _write_tables(draft, folder, what)
+        names, what_ran = _write_tables(draft, folder, what), ran.ran_in(folder, what)
         _write(draft / "study.toml", specs.to_toml(table))
         for name in ("versions.json", "data.json", store.ANSWER):
             if (folder / name).is_file():
                 shutil.copyfile(folder / name, draft / name)
-        _write(draft / "methods.md", f"# Methods: {what.title}\n\n{methods.in_words(what, _facts(what, sources))}\n")
+        _write(
+            draft / "methods.md",
+            f"# Methods: {what.title}\n\n{methods.in_words(what, _facts(what, sources), what_ran)}\n",
+        )
         _write(draft / "references.bib", references.bibtex(what, files.read_json(folder / runner.VERSIONS)))
         if sources:
             _write(draft / RECORDINGS, listed)

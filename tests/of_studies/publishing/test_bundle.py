@@ -245,6 +245,10 @@ def test_methods_and_references_are_those_of_the_study(bundle):
     assert "Windows of 50 ms were classified, the first of which begins 80 ms after" in methods
     assert f"The data were {made_inputs.touches().summary()}." in methods
     assert "RA-I refractory period in ms with SA-I refractory period in ms (1 with 1 and 5 with 10)" in methods
+    assert "hidden neurons 3" in methods
+    assert re.search(r"There were \d+ afferents\.", methods)
+    assert "tuned on the validation trials: on signals (mean and deviation): logistic regression" in methods
+    assert f"neurotact {nt.__version__}" in methods
     assert "@misc{neurotact" in entries
     assert f"note = {{Version {nt.__version__}}}" in entries
     assert "10.1109/ISSCC.2014.6757323" in entries
