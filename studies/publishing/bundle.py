@@ -46,9 +46,12 @@ Run it again, and compare every table and the answer byte by byte:
 
     sh {again}
 
+It needs neurotact {version} ({packages}). {took}The script checks the hashes first, runs the study in the folder
+`again`, which it makes anew each time, and ends with "all {count} files are the same"; else it names the files that
+differ, and the versions that do. The bytes are the same with the versions and the processor's instructions in
+`versions.json`; others may change last digits.
+
 {needs}
-The bytes are the same with the versions and the processor's instructions in `versions.json`; others may change last
-digits.
 
 | file | what it is |
 |---|---|
@@ -130,11 +133,14 @@ def bundle_study(
         if sources:
             _write(draft / RECORDINGS, listed)
         script = (resources.files(__package__ or "") / AGAIN).read_text(encoding="utf-8")
-        for key, value in {"NAMES": " ".join(names), "COUNT": str(len(names)), "VERSION": nt.__version__}.items():
+        version = what_ran.versions["neurotact"]
+        put = {"NAMES": " ".join(names), "COUNT": str(len(names)), "VERSION": version}
+        put["HASHES"] = f"{HASHES} {RECORDINGS}" if sources else HASHES
+        for key, value in put.items():
             script = script.replace(key, value)
         _write(draft / AGAIN, script)
         (draft / AGAIN).chmod(0o755)
-        _write(draft / "README.md", _readme(what, sources, WIDTHS_in[width], without_data))
+        _write(draft / "README.md", _readme(what, sources, WIDTHS_in[width], without_data, what_ran, len(names)))
         for path, kept in () if without_data else (pair for source in sources for pair in source.files()):
             (draft / kept).parent.mkdir(parents=True, exist_ok=True)
             shutil.copyfile(path, draft / kept)
@@ -257,7 +263,14 @@ def _captions(study: "loading.Study") -> dict[str, str]:
     }
 
 
-def _readme(study: "loading.Study", sources: list[_Source], width_in: float, without_data: bool) -> str:
+def _readme(
+    study: "loading.Study",
+    sources: list[_Source],
+    width_in: float,
+    without_data: bool,
+    what_ran: "ran.Ran",
+    n_files: int,
+) -> str:
     lines = []
     for name in references.sets(study):
         lines.append(f"Recordings of {name}: {SETS[name].page}; licence: {SETS[name].licence}.")
@@ -267,10 +280,11 @@ def _readme(study: "loading.Study", sources: list[_Source], width_in: float, wit
     needs = "".join(f"{line}\n\n" for line in lines)
     row = f"| `data/`, `{RECORDINGS}` | the recordings, and their hashes: `sha256sum -c {RECORDINGS}` |\n"
     names = {"again": AGAIN, "recordings": row if sources else "", "hashes": HASHES}
-    about = " ".join(study.about.split())
-    text = README.format(
-        title=study.title, about=about, needs=needs, width_mm=25.4 * width_in, rows=wide_tables.MOST, **names
-    )
+    versions, minutes = what_ran.versions, max(1, round(what_ran.seconds / 60))
+    names |= {"version": versions["neurotact"], "packages": f"Python {versions['python']}, PyTorch {versions['torch']}"}
+    names["took"] = f"The parts of the study took {minutes} min, one after another. " if what_ran.seconds else ""
+    names |= {"title": study.title, "about": " ".join(study.about.split()), "needs": needs}
+    text = README.format(count=n_files, width_mm=25.4 * width_in, rows=wide_tables.MOST, **names)
     return re.sub(r"\n{3,}", "\n\n", text)
 
 
