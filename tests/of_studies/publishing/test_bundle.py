@@ -196,7 +196,7 @@ def test_panels_stand_below_each_other_in_one_column_and_no_legend_is_wider():
     boxes = [panel.get_position() for panel in panels]
     assert all(above.y0 > below.y1 for above, below in pairwise(boxes))
     assert boxes[0].height / boxes[2].height == pytest.approx(2.0, rel=0.15)
-    assert figure.get_figheight() == 12.0
+    assert figure.get_figheight() == prints.PAGE_in
     assert all(panel.yaxis.get_major_ticks()[0].label1.get_visible() for panel in panels)
     (legend,) = figure.legends
     assert legend.get_window_extent().width <= 3.5 * figure.dpi
