@@ -28,8 +28,7 @@ FORMULA = re.compile(r"'*[=+\-@\t\r\n].", re.DOTALL)
 NUMBER = re.compile(r"[+-](\d+\.?\d*|\.\d+)([eE][+-]?\d+)?")
 MARKUP = re.compile(r"[\\|*`<~]|(?<![^\W_])_|_(?![^\W_])|(?<=\])\(|&(?=#?\w+;)")
 """Characters that Markdown reads as markup; an underscore within a word is not."""
-SIGNS = """pm times cdot le ge approx to infty surd circ mu mu Omega Delta Sigma alpha beta gamma delta lambda sigma
-tau"""
+SIGNS = "pm times cdot le ge approx to infty surd circ mu mu Omega Delta Sigma alpha beta gamma delta lambda sigma tau"
 LATEX = {
     **{sign: f"\\{sign}" for sign in "&%$#_{}"}, "\\": r"\textbackslash{}", "~": r"\textasciitilde{}",
     "^": r"\textasciicircum{}", "<": r"\textless{}", ">": r"\textgreater{}", "|": r"\textbar{}",
@@ -213,19 +212,11 @@ def to_latex(table: pd.DataFrame, caption: str = "") -> str:
 
     One that is too wide for a column takes both; a long one may break over pages, in text of one column.
 
-    >>> print(to_latex(pd.DataFrame({"label": ["a_b"], "gain": [-1.5e-7]}), "Gains & more"))
-    % \\usepackage[T1]{fontenc} \\usepackage{array,booktabs,longtable,siunitx}
-    \\begin{table}
-    \\centering\\footnotesize\\setlength{\\tabcolsep}{3pt}
-    \\caption{Gains \\& more}
+    >>> latex = to_latex(pd.DataFrame({"label": ["a_b"], "gain": [-1.5e-7]}), "Gains & more")
+    >>> print(*latex.splitlines()[4:9:2], sep="\\n")
     \\begin{tabular}{lS[table-format=-1.1e-1]}
-    \\toprule
     label & {gain} \\\\
-    \\midrule
     a\\_b & -1.5e-07 \\\\
-    \\bottomrule
-    \\end{tabular}
-    \\end{table}
     """
     columns = latex_columns(table)
     head, *body = (" & ".join(line) + r" \\" for line in zip(*(lines for *_, lines in columns), strict=True))
