@@ -46,10 +46,10 @@ Run it again, and compare every table and the answer byte by byte:
 
     sh {again}
 
-It needs neurotact {version} ({packages}). {took}The script checks the hashes first, runs the study in the folder
-`again`, which it makes anew each time, and ends with "all {count} files are the same"; else it names the files that
-differ, and the versions that do. The bytes are the same with the versions and the processor's instructions in
-`versions.json`; others may change last digits.
+It needs neurotact {version} ({packages}). {took}
+The script checks the hashes, runs the study in the folder `again`, which it makes anew each time, and
+ends with "all {count} files are the same". Otherwise it names the files that differ, and the versions that do. The
+bytes are the same with the versions and the processor's instructions in `versions.json`; others may change last digits.
 
 {needs}
 
@@ -60,7 +60,7 @@ differ, and the versions that do. The bytes are the same with the versions and t
 | `answer.json` | the answer in words and numbers |
 | `tables/` | every table as CSV and, up to {rows} rows, as LaTeX (its first line names the packages) |
 | `figures/` | the figures as PDF, {width_mm:.0f} mm wide |
-| `methods.md` | the methods in words, with the numbers of `study.toml` |
+| `methods.md` | the methods in words, with the numbers of `study.toml` and of the networks that ran |
 | `references.bib` | BibTeX of the software and of what the study uses |
 {recordings}| `{hashes}` | hashes of all files here: `sha256sum -c {hashes}` |
 """

@@ -17,7 +17,7 @@ PAGE_in = 9.0
 
 @printed
 def fit(figure: Figure, width_in: float) -> Figure:
-    """Give a figure this width; its texts keep their size, and its panels theirs in height as far as a page has room."""
+    """Give a figure this width; its texts keep their size, and its panels theirs in height if a page has room."""
     if width_in < NARROW_in:
         _stack(figure)
     figure.set_layout_engine("constrained")

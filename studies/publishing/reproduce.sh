@@ -15,7 +15,7 @@ for sums in sha256sum "shasum -a 256" ""; do
     [ -z "$sums" ] || ! command -v "${sums%% *}" >/dev/null 2>&1 || break
 done
 if [ -n "$sums" ] && ! $sums -c HASHES >changed.txt 2>/dev/null; then
-    grep -v ': OK$' changed.txt >&2 || :
+    grep -v ': OK$' changed.txt | sort -u >&2 || :
     rm -f changed.txt
     echo "these files are not those of the bundle; unpack it again" >&2
     exit 2
