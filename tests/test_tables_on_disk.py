@@ -121,6 +121,17 @@ def test_latex_shows_every_name_and_no_markup(names, column):
     assert [last for _, last in cells] == ["n", *map(str, range(len(names)))]
 
 
+@pytest.mark.parametrize("name", ["*a", "[2pt]"])
+def test_no_row_of_latex_begins_with_an_option_of_the_row_before(name):
+    lines = to_latex(pd.DataFrame({name: [name, name]})).splitlines()
+    assert not [line for line in lines if line.startswith(("*", "["))]
+
+
+def test_room_for_a_power_is_counted():
+    ((_, plain, _), (_, power, _)) = latex_columns(pd.DataFrame({"a": [-1.25], "b": [-1.25e-12]}))
+    assert (plain, power) == (5 + 1.5, 12 + 1.5)
+
+
 def test_what_cannot_be_printed_is_a_question_mark_in_latex():
     assert in_latex("a\x07b\u200bc") == "a?b?c"
 

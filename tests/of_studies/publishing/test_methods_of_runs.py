@@ -70,7 +70,7 @@ def test_the_fitted_encoder_is_told():
         "conditioning": {"resample_Hz": 1000.0, "offset": [1.5], "scale": [2.5], "taxels": ["a"]},
     }  # fmt: skip
     other = {**fitted, "sa1": {**fitted["sa1"], "gain": 46.2}}
-    text = told(Ran(encoders=[fitted, other], afferents=[24, 24]), calibrate=True)
+    text = told(Ran(encoders=[fitted, other, fitted], afferents=[24, 24, 24]), calibrate=True)
     assert "Signals were put on a clock of 1000 Hz and standardised, taxel by taxel" in text
     assert "membrane time constant 12.25 ms, SA-I (for the rising and the falling signal)" in text
     assert "These differ between the networks: SA-I (gain 45.1 and 46.2)." in text

@@ -28,6 +28,15 @@ def test_the_parts_have_every_column_and_fit_the_page(headings, n_names):
     assert in_latex_parts(table, "a caption").count(r"\caption{a caption") == len(parts)
 
 
+def test_columns_of_one_value_name_no_row():
+    table = pd.DataFrame(
+        {"dataset": ["all"] * 2, "label": ["a", "b"], **{f"measure {n}": [1.5, 2.5] for n in range(20)}}
+    )
+    first, *others = in_parts(table)
+    assert [*first][:2] == ["dataset", "label"]
+    assert {next(iter(part)) for part in others} == {"label"}
+
+
 def test_a_table_that_no_paper_prints_stays_a_csv():
     assert in_latex_parts(pd.DataFrame({"n": range(MOST)}), "")
     assert in_latex_parts(pd.DataFrame({"n": range(MOST + 1)}), "") == ""
