@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import json
 import re
+import textwrap
 from collections.abc import Callable, Iterable, Sequence
 from pathlib import Path
 from typing import Any
@@ -27,14 +28,23 @@ FORMULA = re.compile(r"'*[=+\-@\t\r\n].", re.DOTALL)
 NUMBER = re.compile(r"[+-](\d+\.?\d*|\.\d+)([eE][+-]?\d+)?")
 MARKUP = re.compile(r"[\\|*`<~]|(?<![^\W_])_|_(?![^\W_])|(?<=\])\(|&(?=#?\w+;)")
 """Characters that Markdown reads as markup; an underscore within a word is not."""
+SIGNS = "pm times cdot le ge approx to infty surd circ mu mu Omega Delta Sigma alpha beta gamma delta lambda sigma tau"
 LATEX = {
     **{sign: f"\\{sign}" for sign in "&%$#_{}"}, "\\": r"\textbackslash{}", "~": r"\textasciitilde{}",
     "^": r"\textasciicircum{}", "<": r"\textless{}", ">": r"\textgreater{}", "|": r"\textbar{}",
-    '"': r"{\char34}", "[": "{[}", "]": "{]}",
+    '"': r"{\char34}", "`": r"\textasciigrave{}", "[": "{[}", "]": "{]}", "*": "{*}", "²": "$^2$", "³": "$^3$",
+    **{sign: f"$\\{name}$" for sign, name in zip("±×·≤≥≈→∞√°µμΩΔΣαβγδλστ", SIGNS.split(), strict=True)},  # noqa: RUF001
+    "\N{MINUS SIGN}": "$-$", "…": r"\ldots{}",
 }  # fmt: skip
-"""What stands in LaTeX for its markup; after the end of a row, a bracket would be one of its options."""
+"""What stands in LaTeX for its markup and for signs; after the end of a row, `[` and `*` would be its options."""
 ONE_PAGE = 40
-"""Rows of a LaTeX table that stays on one page."""
+"""Lines of a LaTeX table that stays on one page."""
+PACKAGES = r"\usepackage[T1]{fontenc} \usepackage{array,booktabs,longtable,siunitx}"
+COLUMN, LONGEST, HEADING = 46, 32, 12
+"""Characters in footnotesize of one column of a paper, and of a text or a heading of a table on one line."""
+AMOUNT = re.compile(r"(-?)(\d+)(?:\.(\d+))?(?:e[+-]0*(\d+))?")
+FIGURES = re.compile(r"[-\u2212+±\d.,% ]*\d[-\u2212+±\d.,% ]*|[-\u2013\u2014]?")
+"""A text of figures alone, or none."""
 
 
 def write_table(table: pd.DataFrame, path: str | Path, about: str = "") -> None:
@@ -198,32 +208,52 @@ def _lines(table: pd.DataFrame) -> list[list[str]]:
 
 
 def to_latex(table: pd.DataFrame, caption: str = "") -> str:
-    """A LaTeX table with the rules of booktabs, as `to_markdown` otherwise; a long one may break over pages.
+    """A LaTeX table with the rules of booktabs and aligned decimals, as `to_markdown` otherwise.
 
-    >>> print(to_latex(pd.DataFrame({"label": ["a_b"], "gain": [-1.5e-7]}), "Gains & more"))
-    \\begin{table}
-    \\centering
-    \\caption{Gains \\& more}
-    \\begin{tabular}{lr}
-    \\toprule
-    label & gain \\\\
-    \\midrule
-    a\\_b & $-1.5 \\times 10^{-7}$ \\\\
-    \\bottomrule
-    \\end{tabular}
-    \\end{table}
+    One that is too wide for a column takes both; a long one may break over pages, in text of one column.
+
+    >>> latex = to_latex(pd.DataFrame({"label": ["a_b"], "gain": [-1.5e-7]}), "Gains & more")
+    >>> print(*latex.splitlines()[4:9:2], sep="\\n")
+    \\begin{tabular}{lS[table-format=-1.1e-1]}
+    label & {gain} \\\\
+    a\\_b & -1.5e-07 \\\\
     """
-    head, *body = (" & ".join(map(in_latex, line)) + r" \\" for line in _lines(table))
-    sides = "".join("r" if is_number else "l" for is_number in _are_numbers(table))
+    columns = latex_columns(table)
+    head, *body = (" & ".join(line) + r" \\" for line in zip(*(lines for *_, lines in columns), strict=True))
+    kinds, small = "".join(kind for kind, *_ in columns), r"\footnotesize\setlength{\tabcolsep}{3pt}"
     title = rf"\caption{{{in_latex(caption)}}}" if caption else ""
-    top = [r"\toprule", head, r"\midrule"]
-    if len(body) > ONE_PAGE:
-        above = [rf"\begin{{longtable}}{{{sides}}}", f"{title} \\\\" if title else "", *top, r"\endhead"]
-        lines = [*above, *body, r"\bottomrule", r"\end{longtable}"]
+    lines, top = [*body, r"\bottomrule"], [r"\toprule", head, r"\midrule"]
+    if sum(-(-max(map(len, row)) // LONGEST) for row in _lines(table)[1:]) > ONE_PAGE:
+        above = [f"{{{small}", rf"\begin{{longtable}}{{{kinds}}}", title and rf"{title} \\", *top, r"\endhead"]
+        lines += [r"\end{longtable}}"]
     else:
-        above = [r"\begin{table}", r"\centering", title, rf"\begin{{tabular}}{{{sides}}}"]
-        lines = [*above, *top, *body, r"\bottomrule", r"\end{tabular}", r"\end{table}"]
-    return "\n".join(filter(None, lines))
+        place = "table" if sum(width for _, width, _ in columns) <= COLUMN else "table*"
+        above = [rf"\begin{{{place}}}", rf"\centering{small}", title, rf"\begin{{tabular}}{{{kinds}}}", *top]
+        lines += [r"\end{tabular}", rf"\end{{{place}}}"]
+    return "\n".join(filter(None, [f"% {PACKAGES}", *above, *lines]))
+
+
+def latex_columns(table: pd.DataFrame) -> list[tuple[str, float, list[str]]]:
+    """Of each column: how LaTeX sets it, how many characters wide it is, and its heading and cells."""
+    columns = zip(*_lines(table), strict=True)
+    return [_latex_column(is_number, *column) for is_number, column in zip(_are_numbers(table), columns, strict=True)]
+
+
+def _latex_column(is_number: bool, heading: str, *texts: str) -> tuple[str, float, list[str]]:
+    broken = textwrap.wrap(heading.replace("_", "_\0 "), HEADING, break_long_words=False)
+    broken = [part.replace("_\0 ", "_").removesuffix("\0") for part in broken]
+    shown = [r" \\ ".join(map(in_latex, broken)), *map(in_latex, texts)]
+    shown[0] = rf"\shortstack{{{shown[0]}}}" if len(broken) > 1 else in_latex(heading)
+    amounts = [match for match in map(AMOUNT.fullmatch, texts) if is_number and match]
+    width, kind = max(map(len, texts), default=0), "r" if is_number or all(map(FIGURES.fullmatch, texts)) else "l"
+    if any(match[3] or match[4] for match in amounts):
+        n_whole, n_part, n_power = (max(len(match[n] or "") for match in amounts) for n in (2, 3, 4))
+        size = f"{'-' * any(match[1] for match in amounts)}{n_whole}.{n_part}{f'e-{n_power}' if n_power else ''}"
+        kind, width = f"S[table-format={size}]", n_whole + n_part + 2 + 7 * bool(n_power)
+        shown = [f"{{{shown[0]}}}", *(text if AMOUNT.fullmatch(text) else f"{{{in_latex(text)}}}" for text in texts)]
+    elif width > LONGEST:
+        kind, width = rf">{{\raggedright\arraybackslash}}p{{{LONGEST / 2:g}em}}", LONGEST
+    return kind, 1.5 + max([width, *map(len, broken)]), shown
 
 
 def in_latex(text: str) -> str:
@@ -232,7 +262,8 @@ def in_latex(text: str) -> str:
     if number and (number[1] or number[3]):
         power = rf" \times 10^{{{int(number[3])}}}" if number[3] else ""
         return f"${number[1]}{number[2]}{power}$"
-    return "".join(LATEX.get(letter, letter) for letter in " ".join(text.split()))
+    shown = (LATEX.get(letter, letter if letter.isprintable() else "?") for letter in " ".join(text.split()))
+    return re.sub("(?<=-)-", "{}-", "".join(shown))  # two would become one dash
 
 
 def _first_paragraph(markdown: str) -> str:

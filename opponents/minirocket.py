@@ -1,4 +1,7 @@
-"""MiniRocket: shares of positive values of many fixed convolutions, and a ridge classifier or regression on them."""
+"""MiniRocket: shares of positive values of many fixed convolutions, and a ridge classifier or regression on them.
+
+Dempster, Schmidt and Webb 2021, KDD, doi 10.1145/3447548.3467231.
+"""
 
 import copy
 from collections.abc import Iterator
@@ -59,7 +62,7 @@ class Convolution(NamedTuple):
 
 
 class MiniRocket(TransformerMixin, BaseEstimator):
-    """MiniRocket's features (Dempster, Schmidt and Webb 2021, KDD, doi 10.1145/3447548.3467231).
+    """MiniRocket's features, as published.
 
     A feature is the share of time at which a convolution of the sequence is above a bias. The kernels are fixed: nine
     weights, three of which are 2 and the others -1, at up to 32 dilations. Each adds up a random choice of channels.

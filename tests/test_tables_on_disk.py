@@ -13,7 +13,17 @@ from hypothesis import strategies as st
 
 from neurotact.errors import InputError
 from neurotact.metrics.synops import summary, summary_markdown
-from neurotact.tables import LATEX, ONE_PAGE, escaped, read_table, to_latex, to_markdown, write_table
+from neurotact.tables import (
+    LATEX,
+    ONE_PAGE,
+    escaped,
+    in_latex,
+    latex_columns,
+    read_table,
+    to_latex,
+    to_markdown,
+    write_table,
+)
 
 TABLE = pd.DataFrame({"name": ["a|b", "é"], "n": [1, 2], "sops": [1 / 3, np.nan]})
 
@@ -80,28 +90,71 @@ def looks_like_a_number(name: str) -> bool:
     return True
 
 
-LATEX_NAMES = st.text(st.sampled_from('&%$#_{}\\~^<>|[]"a1 é'), min_size=1, max_size=6)
 SHOWN = {latex: letter for letter, latex in LATEX.items()}
-ESCAPE = re.compile(r"\\(?:[a-z]+\{\}|[^a-z])|\{(?:\\char34|\[|\])\}|[^&%$#_{}\\~^<>|\[\]]")
+LATEX_NAMES = st.text(st.sampled_from([*SHOWN.values(), *"a1 é-'"]), min_size=1, max_size=6)
+ESCAPE = re.compile(
+    "|".join(
+        [*map(re.escape, sorted(SHOWN, key=len)[::-1]), r"(?<=-)\{\}(?=-)", "[^" + re.escape("".join(LATEX)) + "]"]
+    )
+)
 
 
 def read_latex(cell: str) -> str:
-    """What LaTeX shows for a cell; an error for markup that is not escaped."""
+    """What LaTeX shows for a cell, without spaces; an error for markup that is not escaped."""
+    if stacked := re.fullmatch(r"\\shortstack\{(.*)\}", cell):
+        return "".join(map(read_latex, stacked[1].split(r" \\ ")))
     parts = ESCAPE.findall(cell)
     assert "".join(parts) == cell
-    return "".join(SHOWN.get(part, part) for part in parts)
+    assert "--" not in cell, "would be one dash"
+    return "".join(SHOWN[part] if part in SHOWN else part.strip("{} ") for part in parts)
 
 
 @given(st.lists(LATEX_NAMES, min_size=1, max_size=5), LATEX_NAMES)
 def test_latex_shows_every_name_and_no_markup(names, column):
     table = pd.DataFrame({f"x{column}": [f"x{name}" for name in names], "n": range(len(names))})
     lines = to_latex(table, f"of x{column}").splitlines()
-    assert read_latex(lines[2].removeprefix(r"\caption{").removesuffix("}")) == " ".join(f"of x{column}".split())
-    cells = [line.removesuffix(r" \\").rsplit(" & ", 1) for line in (lines[5], *lines[7 : 7 + len(names)])]
+    assert read_latex(lines[3].removeprefix(r"\caption{").removesuffix("}")) == f"ofx{column}".replace(" ", "")
+    cells = [line.removesuffix(r" \\").rsplit(" & ", 1) for line in (lines[6], *lines[8 : 8 + len(names)])]
     assert [read_latex(first) for first, _ in cells] == [
-        " ".join(name.split()) for name in (f"x{column}", *table.iloc[:, 0])
+        name.replace(" ", "") for name in (f"x{column}", *table.iloc[:, 0])
     ]
     assert [last for _, last in cells] == ["n", *map(str, range(len(names)))]
+
+
+@pytest.mark.parametrize("name", ["*a", "[2pt]"])
+def test_no_row_of_latex_begins_with_an_option_of_the_row_before(name):
+    lines = to_latex(pd.DataFrame({name: [name, name]})).splitlines()
+    assert not [line for line in lines if line.startswith(("*", "["))]
+
+
+def test_room_for_a_power_is_counted():
+    ((_, plain, _), (_, power, _)) = latex_columns(pd.DataFrame({"a": [-1.25], "b": [-1.25e-12]}))
+    assert (plain, power) == (5 + 1.5, 12 + 1.5)
+
+
+def test_what_cannot_be_printed_is_a_question_mark_in_latex():
+    assert in_latex("a\x07b\u200bc") == "a?b?c"
+
+
+@pytest.mark.parametrize(("texts", "kind"), [
+    ([1.5, 20.25], "S[table-format=2.2]"), ([-1e-12, 5.0], "S[table-format=-1.0e-2]"), ([1.0, 20.0], "r"),
+    (["12,937", "99.0"], "r"), (["58.8 ± 2.1", "-"], "r"), (["1&1", "2"], "l"),
+    (["a" * 33], r">{\raggedright\arraybackslash}p{16em}"), (["a" * 32], "l"),
+])  # fmt: skip
+def test_decimals_are_aligned_figures_stand_to_the_right_and_long_texts_may_break(texts, kind):
+    assert [one for one, *_ in latex_columns(pd.DataFrame({"a": texts}))] == [kind]
+
+
+def test_headings_break_where_words_do():
+    ((_, width, (heading, _)),) = latex_columns(pd.DataFrame({"exit_sops_total_feedforward": [1]}))
+    assert heading == r"\shortstack{exit\_ \\ sops\_ \\ total\_ \\ feedforward}"
+    assert width == 11 + 1.5
+
+
+@pytest.mark.parametrize(("length", "place"), [(20, "table"), (32, "table*")])
+def test_a_table_too_wide_for_one_column_takes_both(length, place):
+    table = pd.DataFrame({"name": ["a" * length], "n": ["b" * 20]})
+    assert rf"\begin{{{place}}}" in to_latex(table).splitlines()
 
 
 @pytest.mark.parametrize("rows", [0, 1, ONE_PAGE, ONE_PAGE + 1])
@@ -111,15 +164,17 @@ def test_a_latex_table_has_the_rules_of_booktabs_and_ends_what_it_begins(tmp_pat
     )
     text = (tmp_path / "t.tex").read_text()
     assert re.findall(r"\\begin\{(.+?)\}", text) == re.findall(r"\\end\{(.+?)\}", text)[::-1]
-    assert ("longtable" in text) == (rows > ONE_PAGE)
+    assert (r"\begin{longtable}" in text) == (rows > ONE_PAGE)
     assert [text.count(rf"\{rule}rule") for rule in ("top", "mid", "bottom")] == [1, 1, 1]
-    assert text.count(r"a & $-2.5 \times 10^{-9}$ \\") == rows
+    assert text.count(r"a & -2.5e-09 \\") == rows
     assert r"\caption{Of a\_b}" in text
 
 
 def test_latex_shows_numbers_as_in_print():
     lines = to_latex(pd.DataFrame({"n": [-5.0, 1e20, 0.25, np.nan]})).splitlines()
-    assert lines[6:10] == [r"$-5$ \\", r"$1 \times 10^{20}$ \\", r"0.25 \\", r"- \\"]
+    assert lines[3:10:6] == [r"\begin{tabular}{S[table-format=-1.2e-2]}", r"0.25 \\"]
+    assert lines[7:11] == [r"-5 \\", r"1e+20 \\", r"0.25 \\", r"{-} \\"]
+    assert to_latex(pd.DataFrame({"n": [-5]})).splitlines()[7] == r"$-5$ \\"
 
 
 def test_numbers_and_ordinary_names_are_written_as_they_are(tmp_path):

@@ -112,12 +112,13 @@ def draw_spike_counts(
     figure = new_figure(2.4)
     panels = figure.subplots(1, len(shown), sharey=True, squeeze=False)[0]
     ticks = np.arange(len(pairs))
-    bars = (("sa", names[0], SA), ("ra", names[1], RA), ("total", "both", TOTAL))
+    bars = (("sa", names[0], SA, ""), ("ra", names[1], RA, ""), ("total", "both", TOTAL, "////"))
     for axes, label in zip(panels, shown, strict=True):
         rows = table[table["label"] == label].groupby("pair", sort=False).mean(numeric_only=True).reindex(pairs)
-        for index, (kind, name, colour) in enumerate(bars):
+        for index, (kind, name, colour, hatch) in enumerate(bars):
             heights = rows[f"spikes_{kind}_per_s"]
-            axes.bar(ticks + (index - 1) * 0.27, heights, 0.25, color=colour, label=name)
+            look = {"color": colour, "hatch": hatch, "edgecolor": "white", "linewidth": 0}  # grey print needs the hatch
+            axes.bar(ticks + (index - 1) * 0.27, heights, 0.25, label=name, **look)
         name_ticks(axes, pairs)
         axes.set(title=classes.long[label], xlabel=pair)
         axes.grid(axis="y")

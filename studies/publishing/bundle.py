@@ -22,7 +22,7 @@ from neurotact.progress import Tell, untold
 
 with lazily():
     import pandas as pd
-    from neurotact_parts.studies.publishing import methods, prints, references
+    from neurotact_parts.studies.publishing import methods, prints, ran, references, wide_tables
 
     from neurotact import checks, tables
     from neurotact.data import dataset, hdf5
@@ -46,18 +46,21 @@ Run it again, and compare every table and the answer byte by byte:
 
     sh {again}
 
+It needs neurotact {version} ({packages}). {took}
+The script checks the hashes, runs the study in the folder `again`, which it makes anew each time, and
+ends with "all {count} files are the same". Otherwise it names the files that differ, and the versions that do. The
+bytes are the same with the versions and the processor's instructions in `versions.json`; others may change last digits.
+
 {needs}
-The bytes are the same with the versions and the processor's instructions in `versions.json`; others may change last
-digits.
 
 | file | what it is |
 |---|---|
 | `study.toml` | the study with every setting, as `neurotact study run` takes it |
 | `versions.json` | versions of the software, the machine |
 | `answer.json` | the answer in words and numbers |
-| `tables/` | every table as CSV and, for papers, as LaTeX (packages booktabs and longtable) |
+| `tables/` | every table as CSV and, up to {rows} rows, as LaTeX (its first line names the packages) |
 | `figures/` | the figures as PDF, {width_mm:.0f} mm wide |
-| `methods.md` | the methods in words, with the numbers of `study.toml` |
+| `methods.md` | the methods in words, with the numbers of `study.toml` and of the networks that ran |
 | `references.bib` | BibTeX of the software and of what the study uses |
 {recordings}| `{hashes}` | hashes of all files here: `sha256sum -c {hashes}` |
 """
@@ -117,21 +120,27 @@ def bundle_study(
         runner.write_tables(folder)
         with _printing(draft / "figures", WIDTHS_in[width]):  # in this process, which draws for the paper
             report.write(folder)
-        names = _write_tables(draft, folder, what)
+        names, what_ran = _write_tables(draft, folder, what), ran.ran_in(folder, what)
         _write(draft / "study.toml", specs.to_toml(table))
         for name in ("versions.json", "data.json", store.ANSWER):
             if (folder / name).is_file():
                 shutil.copyfile(folder / name, draft / name)
-        _write(draft / "methods.md", f"# Methods: {what.title}\n\n{methods.in_words(what, _facts(what, sources))}\n")
+        _write(
+            draft / "methods.md",
+            f"# Methods: {what.title}\n\n{methods.in_words(what, _facts(what, sources), what_ran)}\n",
+        )
         _write(draft / "references.bib", references.bibtex(what, files.read_json(folder / runner.VERSIONS)))
         if sources:
             _write(draft / RECORDINGS, listed)
         script = (resources.files(__package__ or "") / AGAIN).read_text(encoding="utf-8")
-        for key, value in {"NAMES": " ".join(names), "COUNT": str(len(names)), "VERSION": nt.__version__}.items():
+        version = what_ran.versions["neurotact"]
+        put = {"NAMES": " ".join(names), "COUNT": str(len(names)), "VERSION": version}
+        put["HASHES"] = f"{HASHES} {RECORDINGS}" if sources else HASHES
+        for key, value in put.items():
             script = script.replace(key, value)
         _write(draft / AGAIN, script)
         (draft / AGAIN).chmod(0o755)
-        _write(draft / "README.md", _readme(what, sources, WIDTHS_in[width], without_data))
+        _write(draft / "README.md", _readme(what, sources, WIDTHS_in[width], without_data, what_ran, len(names)))
         for path, kept in () if without_data else (pair for source in sources for pair in source.files()):
             (draft / kept).parent.mkdir(parents=True, exist_ok=True)
             shutil.copyfile(path, draft / kept)
@@ -228,10 +237,11 @@ def _write_tables(draft: Path, folder: Path, study: "loading.Study") -> list[str
         (draft / "tables").mkdir(parents=True, exist_ok=True)
         shutil.copyfile(folder / name, draft / "tables" / name)
         about = f"{study.title}: {captions.get(name, Path(name).stem)}"
-        tables.write_table(tables.read_table(folder / name), (draft / "tables" / name).with_suffix(".tex"), about)
+        if text := wide_tables.in_latex_parts(tables.read_table(folder / name), about):
+            _write((draft / "tables" / name).with_suffix(".tex"), text)
     for number, shown in enumerate(_shown(folder, study), 1):
         table = pd.DataFrame(shown["rows"], columns=shown["columns"])
-        tables.write_table(table, draft / "tables" / f"shown-{number}.tex", shown["caption"])
+        _write(draft / "tables" / f"shown-{number}.tex", wide_tables.in_latex_parts(table, shown["caption"]))
     return [store.ANSWER, *names] if (folder / store.ANSWER).is_file() else names
 
 
@@ -253,7 +263,14 @@ def _captions(study: "loading.Study") -> dict[str, str]:
     }
 
 
-def _readme(study: "loading.Study", sources: list[_Source], width_in: float, without_data: bool) -> str:
+def _readme(
+    study: "loading.Study",
+    sources: list[_Source],
+    width_in: float,
+    without_data: bool,
+    what_ran: "ran.Ran",
+    n_files: int,
+) -> str:
     lines = []
     for name in references.sets(study):
         lines.append(f"Recordings of {name}: {SETS[name].page}; licence: {SETS[name].licence}.")
@@ -263,8 +280,11 @@ def _readme(study: "loading.Study", sources: list[_Source], width_in: float, wit
     needs = "".join(f"{line}\n\n" for line in lines)
     row = f"| `data/`, `{RECORDINGS}` | the recordings, and their hashes: `sha256sum -c {RECORDINGS}` |\n"
     names = {"again": AGAIN, "recordings": row if sources else "", "hashes": HASHES}
-    about = " ".join(study.about.split())
-    text = README.format(title=study.title, about=about, needs=needs, width_mm=25.4 * width_in, **names)
+    versions, minutes = what_ran.versions, max(1, round(what_ran.seconds / 60))
+    names |= {"version": versions["neurotact"], "packages": f"Python {versions['python']}, PyTorch {versions['torch']}"}
+    names["took"] = f"The parts of the study took {minutes} min, one after another. " if what_ran.seconds else ""
+    names |= {"title": study.title, "about": " ".join(study.about.split()), "needs": needs}
+    text = README.format(count=n_files, width_mm=25.4 * width_in, rows=wide_tables.MOST, **names)
     return re.sub(r"\n{3,}", "\n\n", text)
 
 

@@ -11,15 +11,17 @@ from neurotact.figures.style import printed
 
 NARROW_in = 5.0
 """Below it, a figure has one column of panels."""
+PAGE_in = 9.0
+"""The most height of a figure: IEEE, Nature and Frontiers print 9.2 to 9.7 in, and the caption needs a line."""
 
 
 @printed
 def fit(figure: Figure, width_in: float) -> Figure:
-    """Give a figure this width; its texts keep their size, and its panels theirs in height."""
+    """Give a figure this width; its texts keep their size, and its panels theirs in height if a page has room."""
     if width_in < NARROW_in:
         _stack(figure)
     figure.set_layout_engine("constrained")
-    figure.set_size_inches(width_in, figure.get_figheight())
+    figure.set_size_inches(width_in, min(figure.get_figheight(), PAGE_in))
     figure.draw_without_rendering()  # the width of a legend is known once it is drawn
     for legend in [*figure.legends]:
         if legend.get_window_extent().width > width_in * figure.dpi:

@@ -69,7 +69,7 @@ def bibtex(study: Study, versions: Mapping[str, str]) -> str:
     """The entries of the software in these versions, and of what a study uses."""
     of = re.compile(r"^  of = .*\n", re.MULTILINE)
     software = [
-        of.sub(f"  version = {{{version}}},\n", known()[name])
+        of.sub(f"  note = {{Version {in_latex(version)}}},\n", known()[name])
         for name, version in versions.items()
         if name in known() and (name != "nni" or getattr(study, "search", None) is not None)
     ]
@@ -80,7 +80,8 @@ def bibtex(study: Study, versions: Mapping[str, str]) -> str:
 def _by_number(number: str) -> str:
     key = re.sub(r"\W", "-", number)
     fields = f"  doi = {{{number}}}," if "/" in number else f"  eprint = {{{number}}},\n  archiveprefix = {{arXiv}},"
-    return f"@misc{{{key},\n{fields}\n}}"
+    shown = in_latex(f"{'doi:' if '/' in number else 'arXiv:'}{number}")
+    return f"@misc{{{key},\n  key = {{{key}}},\n  title = {{{shown}}},\n{fields}\n}}"
 
 
 def _of_citation(name: str) -> str:
@@ -115,14 +116,20 @@ def texts(study: Study) -> Iterator[str]:
             yield from _of_prices(name)
         elif group == "opponents":
             part = plugins.load(group, name, opponent.Opponent)
-            yield f"{part.about} {part.build.__doc__ or ''}"
+            yield " ".join([part.about, *(docstring or "" for docstring in _docstrings(part.build))])
         else:
             yield " ".join(docstring or "" for docstring in _docstrings(plugins.load(group, name)))
     if isinstance(study, StudySpec):
-        yield (
-            (augmentation.__doc__ or "") if study.augmentation and study.augmentation.kind != augmentation.NONE else ""
-        )
+        yield ((augmentation.__doc__ or "") if has_copies(study) else "")
         yield (balancing.__doc__ or "") if study.balance != "none" else ""
+
+
+def has_copies(study: StudySpec) -> bool:
+    """Whether networks may train on varied copies: by name, or by `auto` where other conditions are tested."""
+    kind = study.augmentation.kind if study.augmentation else augmentation.NONE
+    return kind != augmentation.NONE and (
+        kind != augmentation.AUTO or bool(study.split.test_where and not study.search)
+    )
 
 
 def _docstrings(part: Any) -> list[str | None]:

@@ -71,6 +71,8 @@ def own(table: Mapping[str, Any], given: Mapping[str, Any], quick: bool, data: s
     """
     parameters = parameters_of(given.get("parameters", table.get("parameters", {})))
     _check(table, given)
+    if _is_as_run(table, parameters, given):
+        return {}
     file = data or table.get("dataset", {}).get("file")
     if file is None:
         raise InputError("target: needs a file of recordings; give it as `data`")
@@ -79,7 +81,8 @@ def own(table: Mapping[str, Any], given: Mapping[str, Any], quick: bool, data: s
         chosen = chosen_trials(stored, choice, str(file), tell=False)
         conditions, marks = chosen.conditions, chosen.marks
     names = ", ".join(parameters.target)
-    changes = {**LEFT_OUT, "title": f"{table.get('title', 'A study')}: {names}"}
+    title = str(table.get("title", "A study")).removesuffix(f": {names}")
+    changes = {**LEFT_OUT, "title": f"{title}: {names}"}
     if parameters.target != (EVENTS,):
         numbers.check(conditions, parameters.target, conditions.index.to_numpy())
         classes = f"ranges of {parameters.target[0]} with equal numbers of training trials"
@@ -92,6 +95,13 @@ def own(table: Mapping[str, Any], given: Mapping[str, Any], quick: bool, data: s
     classes = "stretches of training recordings with one mark, or none, behind the beginning of their recording"
     told = _notes(f"Events: networks detect {', '.join(sorted(marks['label'].unique()))}.", classes)
     return {**changes, **_of_detector(table, given), **_sweep(table, given, quick), "notes": [*told]}
+
+
+def _is_as_run(table: Mapping[str, Any], parameters: Parameters, given: Mapping[str, Any]) -> bool:
+    """Whether a study file was written by a run, and has what is its own already: its notes say so."""
+    has_own = any(str(note).startswith(("Numbers: ", "Events: ")) for note in table.get("notes", ()))
+    is_changed = any(key.startswith(("window", "network")) for key in given)
+    return has_own and not is_changed and parameters == parameters_of(table.get("parameters", {}))
 
 
 def _check(table: Mapping[str, Any], given: Mapping[str, Any]) -> None:
@@ -133,12 +143,13 @@ def _of_detector(table: Mapping[str, Any], given: Mapping[str, Any]) -> dict[str
     window = build(WindowSpec, {**its, **asked}, "`window`")
     named = given.get("network", table.get("network", "default"))
     settings = {key.removeprefix(NETWORK): value for key, value in given.items() if key.startswith(NETWORK)}
-    network = resolve(RSNNSpec, named, settings)
+    network = resolve(RSNNSpec, build(RSNNSpec, named, "`network`") if isinstance(named, dict) else named, settings)
     window = window_for(window, network)
     fitting = network_for(network, window)
     changed = {key: getattr(fitting, key) for key in ("model", "readout", "readout_tau_ms")}
+    void = None if window.align == "onset" else {"onset"}
     of_network = {f"{NETWORK}{key}": value for key, value in changed.items() if value != getattr(network, key)}
-    return {**of_network, "window": window.model_dump(mode="json", exclude_none=True, exclude_unset=True)}
+    return {**of_network, "window": window.model_dump(mode="json", exclude_none=True, exclude_unset=True, exclude=void)}
 
 
 def _report(what: StudySpec, folder: Path) -> Path:

@@ -8,7 +8,7 @@ import shutil
 import subprocess
 import sys
 from itertools import pairwise
-from pathlib import Path
+from pathlib import Path, PurePosixPath
 
 import made_inputs
 import pytest
@@ -16,6 +16,7 @@ from in_process import studies_here, typed, without_pictures
 from levels import thinned
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
+from neurotact_parts.studies.publishing import bundle as bundled
 from neurotact_parts.studies.publishing import prints
 
 import neurotact as nt
@@ -82,16 +83,27 @@ def test_the_script_says_whether_the_bytes_are_the_same(bundle, tmp_path):
     moved = tmp_path / "else where"
     shutil.copytree(bundle, moved)
     program = tmp_path / "neurotact"
-    program.write_text(f'#!/bin/sh\nexec {shlex.quote(sys.executable)} -m neurotact --quiet "$@"\n')
+    runs = f'exec {shlex.quote(sys.executable)} -m neurotact --quiet "$@"\n'
+    program.write_text(f"#!/bin/sh\n{runs}")
     program.chmod(0o755)
     path = {"PATH": f"{tmp_path}:{os.environ['PATH']}", "PYTHONPATH": str(ROOT), "OMP_NUM_THREADS": "1"}
     again = ["sh", moved / "reproduce.sh"]
     done = subprocess.run(again, env=os.environ | path, capture_output=True, text=True)
     assert (done.returncode, done.stdout.splitlines()[-1]) == (0, f"all {len(compared(moved))} files are the same")
-    with (moved / "tables" / "sops.csv").open("a") as file:
-        file.write("more\n")
+    before = (moved / "versions.json").read_text()
+    (moved / "tables" / "sops.csv").write_text("other\n")
+    (moved / "versions.json").write_text(before.replace('"numpy": "', '"numpy": "0.'))
+    done = subprocess.run(again, env=os.environ | path, capture_output=True, text=True)
+    assert done.returncode == 2
+    assert "tables/sops.csv: FAILED" in done.stderr
+    assert done.stderr.endswith("these files are not those of the bundle; unpack it again\n")
+    assert not (moved / "changed.txt").exists()
+    (moved / "SHA256SUMS").write_text(bundled._hashes([bundled._Source(moved / "data", PurePosixPath("data"))]))
+    program.write_text(f'#!/bin/sh\n[ "$1" != --version ] || {{ echo 9.9; exit; }}\n{runs}')
     done = subprocess.run(again, env=os.environ | path, capture_output=True, text=True)
     assert (done.returncode, f"1 of {len(compared(moved))} files differ" in done.stdout) == (1, True)
+    assert '<   "numpy": "0.' in done.stdout
+    assert f"this study ran with neurotact {nt.__version__}, here is 9.9: bytes may differ" in done.stderr
 
 
 def test_the_script_takes_the_python_that_has_neurotact_or_says_what_to_do(bundle, tmp_path):
@@ -184,7 +196,7 @@ def test_panels_stand_below_each_other_in_one_column_and_no_legend_is_wider():
     boxes = [panel.get_position() for panel in panels]
     assert all(above.y0 > below.y1 for above, below in pairwise(boxes))
     assert boxes[0].height / boxes[2].height == pytest.approx(2.0, rel=0.15)
-    assert figure.get_figheight() == 12.0
+    assert figure.get_figheight() == prints.PAGE_in
     assert all(panel.yaxis.get_major_ticks()[0].label1.get_visible() for panel in panels)
     (legend,) = figure.legends
     assert legend.get_window_extent().width <= 3.5 * figure.dpi
@@ -208,7 +220,12 @@ def test_without_data_the_hashes_stay_and_the_readme_says_what_is_missing(bundle
     assert not (out / "data").exists()
     assert (out / "recordings.sha256").read_bytes() == (bundle / "recordings.sha256").read_bytes()
     assert "`data/my touches.h5`" in (out / "README.md").read_text()
-    assert "not here" not in (bundle / "README.md").read_text()
+    assert "-c SHA256SUMS recordings.sha256 >" in (out / "reproduce.sh").read_text()
+    readme = (bundle / "README.md").read_text()
+    assert "not here" not in readme
+    assert f"It needs neurotact {nt.__version__} (Python 3." in readme
+    assert "The parts of the study took 1 min, one after another." in readme
+    assert f'ends with "all {len(compared(bundle))} files are the same"' in readme
 
 
 def test_what_cannot_be_a_bundle_is_refused_and_stays(finished, tmp_path):
@@ -245,7 +262,11 @@ def test_methods_and_references_are_those_of_the_study(bundle):
     assert "Windows of 50 ms were classified, the first of which begins 80 ms after" in methods
     assert f"The data were {made_inputs.touches().summary()}." in methods
     assert "RA-I refractory period in ms with SA-I refractory period in ms (1 with 1 and 5 with 10)" in methods
-    assert "@software{neurotact" in entries
-    assert f"version = {{{nt.__version__}}}" in entries
+    assert "hidden neurons 3" in methods
+    assert re.search(r"There were \d+ afferents\.", methods)
+    assert "tuned on the validation trials: on signals (mean and deviation): logistic regression" in methods
+    assert f"neurotact {nt.__version__}" in methods
+    assert "@misc{neurotact" in entries
+    assert f"note = {{Version {nt.__version__}}}" in entries
     assert "10.1109/ISSCC.2014.6757323" in entries
     assert "of = " not in entries

@@ -1,6 +1,8 @@
 """What parts cite is in the references, complete; each part declares its source itself."""
 
 import re
+import shutil
+import subprocess
 from types import SimpleNamespace
 
 import pytest
@@ -37,7 +39,7 @@ def test_entries_have_keys_of_their_own_and_what_a_reference_needs():
     for entry in entries:
         fields = dict(references.FIELD.findall(entry))
         assert {"author", "title"} <= {*fields}
-        assert "year" in fields or entry.startswith("@software")
+        assert "year" in fields or "of" in fields
         assert all(value.count("{") == value.count("}") for value in fields.values())
 
 
@@ -48,6 +50,50 @@ def test_the_citation_of_a_public_set_becomes_an_entry(name):
     assert first in fields["author"].replace(r"M{\"u}ller", "Müller")
     assert "et al" not in fields["author"]
     assert fields.get("doi") or fields.get("url") or fields.get("eprint")
+
+
+@pytest.mark.thorough
+@pytest.mark.skipif(shutil.which("bibtex") is None, reason="needs bibtex")
+def test_bibtex_takes_every_entry_without_a_warning(tmp_path):
+    """The plain style, which knows neither `@software` nor entries without an author or a key."""
+    ours = [*dict.fromkeys([*references.known().values(), *map(references._of_citation, SETS)])]
+    ours += map(references._by_number, ("10.1234/a_b(1)", "2501.00001"))
+    (tmp_path / "r.bib").write_text("\n".join(ours), encoding="utf-8")
+    (tmp_path / "t.aux").write_text("\\citation{*}\n\\bibstyle{plain}\n\\bibdata{r}\n")
+    done = subprocess.run(["bibtex", "t"], cwd=tmp_path, capture_output=True, text=True)
+    assert (done.returncode, [line for line in done.stdout.splitlines() if "arning" in line]) == (0, [])
+    assert (tmp_path / "t.bbl").read_text().count("bibitem") == len(ours)
+
+
+def test_software_has_its_version_and_what_did_not_run_is_not_cited():
+    study = loading.resolve("refractory-period")
+    entries = references.bibtex(study, {"torch": "2.1", "nni": "3.0", "snntorch": "1.0"})
+    assert "note = {Version 2.1}" in entries
+    assert "nni" not in entries
+    assert "snntorch" not in entries
+    assert "of = " not in entries
+
+
+@pytest.mark.parametrize(
+    ("changes", "has"),
+    [
+        ({}, False),
+        ({"augmentation.kind": "time+gain"}, True),
+        ({"augmentation.kind": "auto"}, False),
+        ({"augmentation.kind": "none"}, False),
+        ({"augmentation.kind": "auto", "split.test_where": {"force_N": [3.0]}}, True),
+    ],
+)
+def test_varied_copies_are_cited_where_networks_train_on_them(changes, has):
+    study = loading.resolve("refractory-period", changes)
+    assert references.has_copies(study) is has
+    assert ("10.1145/3136755.3136817" in references.bibtex(study, {})) is has
+
+
+def test_an_opponent_cites_what_its_module_does():
+    assert "10.1145/3447548.3467231" in references.bibtex(
+        loading.resolve("refractory-period", {"baselines": "quick"}), {}
+    )
 
 
 @pytest.mark.parametrize(

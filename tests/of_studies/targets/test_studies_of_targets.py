@@ -20,6 +20,7 @@ from neurotact_parts.studies.targets.rivals import EVERY_MS, Sliding, values_of
 from neurotact_parts.studies.targets.ways import Compared, Way, networks_of
 
 import neurotact as nt
+from neurotact import spec as specs
 from neurotact.baselines import opponents
 from neurotact.baselines.opponents import Cuts, Input
 from neurotact.data import hdf5
@@ -168,6 +169,22 @@ def test_a_study_is_reported_again_and_resumed_as_it_was(kind, request):
     assert {name: (found.folder / name).read_bytes() for name in before} == before
     page = (found.folder / "report.html").read_text().replace("\xa0", " ")
     assert found.answer["short"] in page
+
+
+@pytest.mark.parametrize("kind", ["numbers", "events"])
+def test_a_study_that_a_run_wrote_is_the_same_study(kind, request, monkeypatch):
+    """Also where its folds are others than those that detectors have by themselves."""
+    found = request.getfixturevalue(kind)
+    monkeypatch.chdir(found.folder.parent)
+    path = found.folder / "study.toml"
+    assert loading.resolve(path) == found.study
+    folds = {"split.folds": 3, "sweep.split.fold": [0, 1, 2], "sweep.seed": [0]}
+    other = found.folder.parent / f"{kind}.toml"
+    other.write_text(specs.to_toml(loading.resolve(path, folds).model_dump(mode="json", exclude_none=True)))
+    assert loading.resolve(other) == loading.resolve(path, folds)
+    longer = loading.resolve(path, {"window.length_ms": 400.0})
+    assert longer.window.length_ms == 400.0
+    assert longer.title == found.study.title
 
 
 def test_the_network_of_a_study_tells_numbers_outside_of_it(numbers):
