@@ -12,6 +12,7 @@ from levels import examples
 from sklearn.linear_model import Ridge
 
 import neurotact as nt
+from neurotact import effects
 from neurotact.baselines import opponent
 from neurotact.data.spikes import from_rasters
 from neurotact.errors import InputError
@@ -55,6 +56,11 @@ def told(spec: RSNNSpec, conditions: pd.DataFrame, *target: str) -> tuple[np.nda
     every, _ = tasks.examples_of(trains, np.arange(TRIALS), task)
     assert isinstance(fitted.network, RSNN)
     return fitted.network.infer(every.spikes).readout.numpy(), fitted.network
+
+
+def test_why_keys_of_a_hidden_layer_have_no_effect_is_said_of_the_regression_of_numbers_too():
+    assert {"logistic" in why for why in effects.voids(hidden=0).values()} == {False}
+    assert "a regression fits the weights" in effects.voids(hidden=0)["reset"]
 
 
 @pytest.mark.parametrize("spec", [SPEC, NONE], ids=["hidden", "no hidden"])
