@@ -75,7 +75,7 @@ def test_an_opponent_in_c_decides_as_in_python(name, n_bins, n_classes, tmp_path
     [
         (
             {0: DecisionTreeClassifier().fit([[0], [1]], [0, 1])},
-            "DecisionTreeClassifier has no C here; choose among Pipeline, SVC",
+            "DecisionTreeClassifier has no C here; choose among P",
         ),
         ({0: Ridge()}, "Ridge tells numbers, and opponents have C for classes alone; export the network"),
         ({0: make_pipeline(Ridge()).fit([[0], [1]], [0, 1])}, "Pipeline tells numbers, and opponents have C for"),
