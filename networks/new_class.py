@@ -26,6 +26,7 @@ if TYPE_CHECKING:
     from neurotact.networks.training.epochs import Examples
 
 with lazily():
+    from neurotact.baselines import opponent
     from neurotact.data import hdf5, splits
     from neurotact.metrics import shares
     from neurotact.networks.definition import rsnn
@@ -180,7 +181,8 @@ def learn(
         felt = _felt(restored, hdf5.load_spikes(touched), str(touched))
         classes = sorted(set(felt.classes) - set(restored.classes))
         n_known = int(felt.conditions["label"].isin(restored.classes).sum())
-        taught = {name: _spaced(np.flatnonzero(felt.conditions["label"] == name), touches) for name in classes}
+        places = {name: np.flatnonzero(felt.conditions["label"] == name) for name in classes}
+        taught = {name: its[opponent.part_of(np.zeros(len(its)), touches)] for name, its in places.items()}
         readout, heard = begun, dict(restored.taught)
         for name, trials in taught.items():
             examples, _ = tasks.examples_of(felt, trials, restored.task, restored.task.training_window)
@@ -224,15 +226,6 @@ def _felt(restored: run_folder.Restored, trains: SpikeTrains, source: str) -> Sp
         raise InputError(f"{source}: has no class that the network does not know ({', '.join(restored.classes)})")
     inference.check_same_input(restored, trains)
     return trains
-
-
-def _spaced(trials: np.ndarray, n: int) -> np.ndarray:
-    """At most n trials, evenly spaced: files have their conditions one after the other.
-
-    >>> _spaced(np.array([2, 3, 5, 7, 8]), 3).tolist(), _spaced(np.array([4]), 3).tolist()
-    ([2, 5, 8], [4])
-    """
-    return trials[np.linspace(0, len(trials) - 1, min(n, len(trials))).round().astype(int)]
 
 
 def _right(network: rsnn.RSNN, examples: Examples) -> float:

@@ -14,6 +14,7 @@ from neurotact_parts.exporters.c.boards import Board
 from neurotact_parts.networks import new_class
 
 import neurotact as nt
+from neurotact.baselines.opponent import part_of
 from neurotact.data.spikes import from_rasters
 from neurotact.errors import InputError
 from neurotact.networks.exit.rule import FULL_WINDOW, ExitRule
@@ -137,7 +138,7 @@ def lesson(n: int = 5) -> list[tuple]:
     records, rasters = [], rasters_of(NEW, 1)
     for label, name in enumerate(["tweed", "wool"], start=2):
         own = np.flatnonzero(np.array(NEW) == name)
-        for trial in new_class._spaced(own, n):
+        for trial in own[part_of(np.zeros(len(own)), n)]:
             records += [*touched(rasters[trial]), ("learn", label, n)]
     return records
 
