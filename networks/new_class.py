@@ -26,6 +26,7 @@ if TYPE_CHECKING:
     from neurotact.networks.training.epochs import Examples
 
 with lazily():
+    from neurotact.baselines import opponent
     from neurotact.data import hdf5, splits
     from neurotact.metrics import shares
     from neurotact.networks.definition import rsnn
@@ -113,22 +114,34 @@ def with_readout(network: rsnn.RSNN, readout: Readout) -> rsnn.RSNN:
     return new
 
 
-def refitted(network: rsnn.RSNN, training: Examples, validation: Examples) -> Readout:
-    """The readout of training windows whose penalty has the most validation windows right."""
+def refitted(network: rsnn.RSNN, training: Examples, validation: Examples, n_classes: int) -> Readout:
+    """The readout to the classes of training windows whose penalty has the most validation windows right."""
     features, labels = features_of(network, training.spikes), training.labels.numpy()
     held, truth = features_of(network, validation.spikes), validation.labels.numpy()
-    every = [fitted_to(features, labels, network.n_classes, penalty) for penalty in PENALTIES]
+    every = [fitted_to(features, labels, n_classes, penalty) for penalty in PENALTIES]
     return max(every, key=lambda one: float(((held @ one.weights).argmax(axis=1) == truth).mean()))
 
 
 def teachable(restored: run_folder.Restored) -> tuple[tasks.Sides, Readout]:
     """The windows of a run's training and the readout that is refitted to them, from which new classes are learned.
 
+    Touches that the run learned before are learned again, as they were heard.
     InputError for a network whose readout is no sum, and for one whose training had touches that are not there.
     """
     network = _sum_of(restored.of_classes("learning a class"))
     sides = tasks.sides_of(run_folder.trained_spikes_of(restored), restored.task)
-    return sides, refitted(network, sides.train, sides.validation)
+    readout = refitted(network, sides.train, sides.validation, len(restored.classes) - len(restored.taught))
+    for touches in restored.taught.values():
+        readout = _taught(readout, np.array([touch.split() for touch in touches], np.float64))
+    return sides, readout
+
+
+def _taught(readout: Readout, touches: np.ndarray) -> Readout:
+    """The same with one class more, after its touches `(touch, feature)`."""
+    readout, label = readout.with_class(), readout.weights.shape[1]
+    for features in touches:
+        readout = readout.after(features, label, readout.each / len(touches))
+    return readout
 
 
 def learn(
@@ -150,7 +163,7 @@ def learn(
     called with what the command prints.
     Returns accuracies: `old_before`, `old_refitted`, `old_after` of the known classes on the run's test windows, with
     the readout of the run, the refitted one, and that with the new classes; `new` of the other touches, NaN without
-    any.
+    any. A run that has learned a class learns another; its `old_` accuracies are of the classes of its training.
     Raises InputError for a network whose readout is no sum, for spikes of another encoder, and without a new class.
 
     >>> nt.learn("run", "spikes-of-silk.h5", "run-with-silk", touches=5)  # doctest: +SKIP
@@ -168,13 +181,14 @@ def learn(
         felt = _felt(restored, hdf5.load_spikes(touched), str(touched))
         classes = sorted(set(felt.classes) - set(restored.classes))
         n_known = int(felt.conditions["label"].isin(restored.classes).sum())
-        taught = {name: _spaced(np.flatnonzero(felt.conditions["label"] == name), touches) for name in classes}
-        readout = begun
-        for label, name in enumerate(classes, start=len(restored.classes)):
-            examples, _ = tasks.examples_of(felt, taught[name], restored.task, restored.task.training_window)
-            readout = readout.with_class()
-            for features in features_of(network, examples.spikes):
-                readout = readout.after(features, label, readout.each / len(examples.labels))
+        places = {name: np.flatnonzero(felt.conditions["label"] == name) for name in classes}
+        taught = {name: its[opponent.part_of(np.zeros(len(its)), touches)] for name, its in places.items()}
+        readout, heard = begun, dict(restored.taught)
+        for name, trials in taught.items():
+            examples, _ = tasks.examples_of(felt, trials, restored.task, restored.task.training_window)
+            features = features_of(network, examples.spikes)
+            readout = _taught(readout, features)
+            heard[name] = [" ".join(f"{value:.17g}" for value in touch) for touch in features]
         after = with_readout(network, readout)
         row = {
             "old_before": _right(network, sides.test),
@@ -186,7 +200,7 @@ def learn(
         }
         resumable.clear(folder)
         extra = _extra(source, restored, after, sides.train, felt.select(np.concatenate([*taught.values()])), classes)
-        extra["spikes"] = os.path.relpath(restored.spikes_path or "", folder)
+        extra |= {"spikes": os.path.relpath(restored.spikes_path or "", folder), "taught": heard}
         run_folder.save_network(after, folder, extra)
         files.write_json(folder / resumable.RESULT, {"row": files.without_nan(row), "compared": {}, "cautions": []})
     ignored = [f"{touched}: {n_known} trials of classes that the network knows are not used"] if n_known else []
@@ -212,15 +226,6 @@ def _felt(restored: run_folder.Restored, trains: SpikeTrains, source: str) -> Sp
         raise InputError(f"{source}: has no class that the network does not know ({', '.join(restored.classes)})")
     inference.check_same_input(restored, trains)
     return trains
-
-
-def _spaced(trials: np.ndarray, n: int) -> np.ndarray:
-    """At most n trials, evenly spaced: files have their conditions one after the other.
-
-    >>> _spaced(np.array([2, 3, 5, 7, 8]), 3).tolist(), _spaced(np.array([4]), 3).tolist()
-    ([2, 5, 8], [4])
-    """
-    return trials[np.linspace(0, len(trials) - 1, min(n, len(trials))).round().astype(int)]
 
 
 def _right(network: rsnn.RSNN, examples: Examples) -> float:
@@ -258,7 +263,7 @@ def _extra(
     if restored.ranges is not None:
         states = ranges.record_states(network, training.spikes)
         extra["ranges"] = restored.ranges._replace(hidden=states[0], readout=states[1])._asdict()
-    return {**extra, "classes": [*restored.classes, *classes], "exit_patience": None, "learned": {"classes": classes}}
+    return {**extra, "classes": [*restored.classes, *classes], "exit_patience": None}
 
 
 def _lines(row: dict[str, Any]) -> list[str]:
@@ -274,6 +279,6 @@ def _lines(row: dict[str, Any]) -> list[str]:
     advice = "record more touches, or train again with all classes"
     return [
         f"learned {learned}; {tested}",
-        f"known classes, {row['old_windows']} test windows: {before} before, {refitted_} with the refitted readout, "
-        f"{after} with the new class{f', {100 * lost:.0f} points less: {advice}' if lost > LOST else ''}",
+        f"classes of the training, {row['old_windows']} test windows: {before} before, {refitted_} with the refitted "
+        f"readout, {after} with the new class{f', {100 * lost:.0f} points less: {advice}' if lost > LOST else ''}",
     ]

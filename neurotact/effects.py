@@ -126,7 +126,7 @@ NEEDS = (
         "training.input_dropout training.input_jitter_ms training.readout_dropout",
         "hidden",
         bool,
-        "without a hidden layer (hidden = 0), since weights are fitted by logistic regression",
+        "without a hidden layer (hidden = 0), since a regression fits the weights, without gradient steps",
     ),
     _Need("forward_weight_scale", "keeps_scale", bool, "with input_deviation, to which all weights are scaled"),
     _Need("training.betas", "has_betas", bool, "with a training.optimiser that has none"),

@@ -456,7 +456,7 @@ class _Annotations(NamedTuple):
 
 def _annotated(clock: Clock, n_rows: int, spec: _TableSpec, rate_Hz: float | None, table: Table) -> _Trials:
     """The trials that the table of annotations names; times without stamps are seconds from the first sample."""
-    annotated = _read_annotations(existing(spec.annotations or ""), spec.label, spec.decimal)
+    annotated = _read_annotations(existing(spec.annotations or ""), spec.label, table.decimal)
     time, unit = clock
     if time is None:
         assert rate_Hz is not None

@@ -30,10 +30,19 @@ from neurotact.data import hdf5
 from neurotact.data.readers.clock.units import UNIT_S, Unit, unit_in, without_unit
 from neurotact.data.readers.columns import called
 from neurotact.data.readers.formats.contents import content_of_bytes
-from neurotact.data.readers.table.cells import COMMENT, FLOAT32_MAX, NOT_FINITE, NUMBER
-from neurotact.data.readers.table.headings import SEPARATOR_LINE, is_unit
+from neurotact.data.readers.table.cells import (
+    COMMAS,
+    COMMENT,
+    FLOAT32_MAX,
+    NOT_FINITE,
+    NUMBER,
+    cells,
+    has_decimal_commas,
+)
+from neurotact.data.readers.table.headings import SEPARATOR_LINE, is_unit, separator_of
 from neurotact.data.recordings import order_by_name
 from neurotact.errors import InputError, optional
+from neurotact.progress import say
 
 READ_BYTES = 1 << 16
 LONGEST_ROW = 1 << 20
@@ -85,7 +94,7 @@ class Lines:
     def __init__(self, where: str, faults: Faults, *, joins: bool = False) -> None:
         self.where, self.faults, self.joins = where, faults, joins
         self.left, self.line, self.has_names = b"", 0, False
-        self.n_good = 0
+        self.n_good, self.has_commas = 0, False
 
     def lines(self, text: bytes) -> Iterator[str]:
         """The lines that these bytes complete."""
@@ -104,6 +113,26 @@ class Lines:
             line = whole.decode("utf-8", errors="replace").removeprefix(MARK if self.line == 1 else "").strip()
             if line and not COMMENT.match(line) and (self.has_names or not SEPARATOR_LINE.fullmatch(line)):
                 yield line
+
+    def split(self, text: str, n_cells: int | None = None) -> list[str]:
+        """The cells of a line; commas that are surely decimal, as at import, become points, which is said once.
+
+        n_cells: as many as there must be, if that is known.
+        """
+        row = _fitting(SEPARATOR.split(text.replace(",", ".") if self.has_commas else text), n_cells)
+        if "," not in text or self.has_commas or (mark := separator_of(text)) == ",":
+            return row
+        own = _fitting(cells(text, mark), n_cells)
+        self.has_commas = len(own) == (n_cells or len(own)) and has_decimal_commas([[cell] for cell in own])
+        if not self.has_commas:
+            return row
+        say(f"{self.where}: {COMMAS}")
+        return self.split(text, n_cells)
+
+
+def _fitting(row: list[str], n_cells: int | None) -> list[str]:
+    """The cells of a row, as at import without the one that a separator at its end adds."""
+    return row[:-1] if len(row) - 1 == n_cells and not row[-1] else row
 
 
 class Rows(Lines):
@@ -152,11 +181,11 @@ class Rows(Lines):
 
     def _row(self, text: str) -> Iterator[Placed]:
         """The rows that a line completes; a line that is not a sample stands for a missing one."""
-        cells = SEPARATOR.split(text)
         expected = self.n_taxels + (self.stamped is not None)
-        values = [_value(cell) for cell in cells]
+        row = self.split(text, expected)
+        values = [_value(cell) for cell in row]
         numbers = [value for value in values if value is not None]
-        if len(cells) == len(numbers) == expected:
+        if len(row) == len(numbers) == expected:
             self.n_good += 1
             signal = numbers if self.stamped is None else numbers[1:]
             if self.order is not None:
@@ -168,13 +197,13 @@ class Rows(Lines):
             return
         if not self.n_good:
             is_first, self.has_names = not self.has_names, True
-            if is_first and not any(map(NUMBER.fullmatch, cells)):
-                self._take_names([cell.strip("\"'") for cell in cells[expected - self.n_taxels :]])
+            if is_first and not any(map(NUMBER.fullmatch, row)):
+                self._take_names([cell.strip("\"'") for cell in row[expected - self.n_taxels :]])
                 return
-            if all(map(is_unit, cells)):
+            if all(map(is_unit, row)):
                 return  # below the names
             raise InputError(
-                f"{self.where}: line {self.line} has {len(cells)} values, {text[:40]!r}, where {expected} numbers are "
+                f"{self.where}: line {self.line} has {len(row)} values, {text[:40]!r}, where {expected} numbers are "
                 "expected; give one row per sample and one column per taxel"
             )
         self.faults.bad_rows += 1
@@ -274,13 +303,13 @@ class EventRows(Lines):
             )
 
     def _event(self, text: str) -> tuple[Moment, int] | None:
-        cells = [cell.strip("\"'") for cell in SEPARATOR.split(text)]
-        if not self.n_good and not self.has_names and not NUMBER.fullmatch(cells[0]):
+        row = [cell.strip("\"'") for cell in self.split(text)]
+        if not self.n_good and not self.has_names and not NUMBER.fullmatch(row[0]):
             self.has_names = True
-            self._take_names(cells)
+            self._take_names(row)
             return None
-        time, channel, polarity = (cells[i] if i is not None and i < len(cells) else "" for i in self.places)
-        if not NUMBER.fullmatch(time) or (len(cells) > 1 and not channel) or len(cells) > max(3, self.n_columns):
+        time, channel, polarity = (row[i] if i is not None and i < len(row) else "" for i in self.places)
+        if not NUMBER.fullmatch(time) or (len(row) > 1 and not channel) or len(row) > max(3, self.n_columns):
             self.faults.bad_rows += 1
             return None
         self.n_good += 1

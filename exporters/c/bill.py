@@ -33,7 +33,7 @@ with lazily():
 
     from neurotact.baselines import opponent as classifiers
     from neurotact.baselines import opponents as baselines
-    from neurotact.networks.training import run_folder, tasks
+    from neurotact.networks.training import ranges, run_folder, tasks
     from neurotact.networks.use import fitted, inference, ledger
     from neurotact.report import wording
 
@@ -168,8 +168,7 @@ def _programs(run: Any, out: Path, recordings: str | Path | None, spikes: str | 
     split = tasks.trials_of(trains, restored.task)
     windows = trains.cut(restored.task.window, split.test)
     chosen = np.unique(windows.trial)
-    n_trials = -(-DECISIONS * len(chosen) // len(windows))
-    chosen = np.unique(chosen[np.linspace(0, len(chosen) - 1, n_trials).astype(int)])
+    chosen = ranges.evenly(chosen, -(-DECISIONS * len(chosen) // len(windows)))
     whole = export.prepared(run, recordings=recordings, spikes=spikes)
     assert whole.formats is not None  # of integers
     yield from _chains(restored, trains, whole, np.searchsorted(split.test, chosen), out, recordings)

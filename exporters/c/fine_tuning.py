@@ -140,7 +140,7 @@ def fine_tune(
     resumable.check_apart(folder, source, "be fine-tuned")
     with files.locked(folder):
         resumable.check_place(folder, force=force)
-        restored = run_folder.restore(source, spikes=spikes).of_classes("fine-tuning")
+        restored = run_folder.restore(source, spikes=spikes).of_classes("fine-tuning").as_trained("fine-tuning")
         trains = run_folder.trained_spikes_of(restored)
         assert restored.spikes_path is not None  # of a folder
         sides = tasks.sides_of(trains, restored.task)

@@ -106,7 +106,8 @@ def write(
     """Write the C of a fitted estimator on the means in time bins of a window, and return the paths.
 
     classes: of the labels 0 and on. n_samples: of a window.
-    Raises InputError for an estimator that has no C, and for a class that was not among its training examples.
+    Raises InputError for an estimator that has no C, as all that tell numbers, and for a class that was not among its
+    training examples.
 
     >>> from sklearn.neighbors import KNeighborsClassifier
     >>> windows = np.array([[[0.0], [1.0]], [[2.0], [5.0]]])
@@ -116,6 +117,11 @@ def write(
     ['touch.h', 'touch.c']
     """
     names = [kind.__name__ for kind in type(fitted).__mro__]
+    if not hasattr(fitted, "classes_"):
+        raise InputError(
+            f"opponent: {names[0]} tells numbers, and opponents have C for classes alone; export the network, whose C "
+            "tells numbers"
+        )
     kind = next((name for name in names if name in DECISIONS), "")
     if not kind:
         raise InputError(f"opponent: {names[0]} has no C here; choose among {', '.join(DECISIONS)}")

@@ -52,7 +52,7 @@ def export(run: Fitted, path: str | Path, prove: int, spikes: str | Path | None,
     trains = run_folder.trained_spikes_of(restored)
     split = tasks.trials_of(trains, restored.task)
     windows = tasks.examples_of(trains, evenly(split.train), restored.task)[0].spikes
-    made = converted(network, windows[np.linspace(0, len(windows) - 1, min(len(windows), WINDOWS)).astype(int)])
+    made = converted(network, evenly(windows, WINDOWS))
     files.write_json(path, made.chip.specification)
     hidden, readout = made.chip
     shifts = f"{hidden.shift}, {hidden.shift_among} and {readout.shift}"

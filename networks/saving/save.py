@@ -102,7 +102,7 @@ def save_energy(
         style.save(figure.draw_front(table, rows, chosen), out / FIGURE)
         answer = _answer(found, rows, asked, source, start)
         files.write_json(out / ANSWER, files.without_nan(answer))
-    for line in (answer["answer"], *_lines(rows, asked, out)):
+    for line in ([] if found.answer else [answer["answer"]]) + _lines(rows, asked, out):
         tell(line)
     return answer
 

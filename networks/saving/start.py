@@ -48,7 +48,9 @@ def start_of(run: Path, seed: int = 0, *, spikes: Path | None = None, recordings
     Raises InputError for a network of another kind, for one that was trained on varied copies, for spikes that are no
     longer those of the run, and where the recordings are not found.
     """
-    restored = run_folder.restore(run, spikes=spikes).of_classes("a search for savings")
+    restored = (
+        run_folder.restore(run, spikes=spikes).of_classes("a search for savings").as_trained("a search for savings")
+    )
     network = _plain(restored.network)
     trains = run_folder.trained_spikes_of(restored)
     task, path = restored.task, restored.spikes_path

@@ -265,17 +265,24 @@ def accuracy(candidate: Candidate, x: np.ndarray, y: np.ndarray) -> float:
     return float(right(candidate.fitted.predict(x), y).mean())
 
 
-def right(told: np.ndarray, labels: np.ndarray) -> np.ndarray:
-    """Whether each example is decided correctly, or the score of its standardised numbers, `(example,)`.
+def right(told: Any, labels: Any, deviation: Any = None) -> Any:
+    """Whether each example is decided correctly; of numbers, its score. `(example,)`, of arrays or tensors.
 
-    The score is 1 less the mean over targets of the squared error, as of networks.
+    told: labels, values of a readout `(example, class)`, or numbers. labels: class indices `(example,)`, or numbers
+    `(example, target)`. The score of an example is 1 less the mean over targets of the squared error in units of
+    `deviation`, that of training (1 if absent): on average 1 is perfect, and 0 what the mean of training would have, as
+    R^2 is.
 
-    >>> right(np.array([1, 0]), np.array([1, 1])), right(np.array([0.5, 1.0]), np.array([[0.0], [1.0]]))
-    (array([ True, False]), array([0.75, 1.  ]))
+    >>> right(np.array([1, 0]), np.array([1, 1])), right(np.array([[0.0, 3.0], [2.0, 1.0]]), np.array([1, 1]))
+    (array([ True, False]), array([ True, False]))
+    >>> right(np.array([3.0, 5.0]), np.array([[3.0], [3.0]]), np.array([4.0]))
+    array([1.  , 0.75])
     """
     if labels.ndim == 1:
-        return told == labels
-    return 1 - np.square(told.reshape(labels.shape) - labels).mean(axis=1)
+        return (told if told.ndim == 1 else told.argmax(1)) == labels
+    errors = told.reshape(labels.shape) - labels
+    errors = errors if deviation is None else errors / deviation
+    return 1 - (errors * errors).mean(1)
 
 
 @contextmanager

@@ -21,7 +21,7 @@ Other rooms take:
     hdf5_input: Declared, EVENTS, attribute, opened, own_members, reading
     hdf5_output: Output, create
     marks: COLUMNS, NONE, labels_at
-    onset: common_onset_s, onsets_s
+    onset: common_onset_s, evenly, onsets_s
     readers.clock.units: DAY_S, FASTEST_HZ, HOUR_S, LONGEST_S, SHORTEST_S, SLOWEST_HZ, UNIT_S, Unit, apart,
         is_time_of_day, joined, pair_in, seconds_of, timings, unit_in, without_unit
     readers.columns: CHOICE, Clock, ColumnsSpec, GUESSES, LayoutSpec, Missing, OF_ARRAYS, OF_EVENTS, Samples,
@@ -30,11 +30,11 @@ Other rooms take:
     readers.formats.contents: FLAC, HDF5, LVM, MATLAB, MCAP, NPY, NPZ, PARQUET, ROS_BAG, SOUND, SQLITE, TDMS, TORCH,
         ZIP, check_content, content_of, content_of_bytes, damaged_as
     readers.specs: EventSpec, FIELD, FILE, MOST_AFFERENTS, NamingSpec
-    readers.table.cells: COMMENT, DECIMAL_COMMA, Decimal, FLOAT32_MAX, LOOKED_AT, MAX_CHANNELS, NEAR_IN_FLOAT32,
-        NOT_FINITE, NUMBER, THOUSANDS, Table, as_signal, cells, check_digits, check_width, columns_of,
-        finite_called, grouping_of, has_decimals, is_gap, is_meant_as_number, is_value, lines_of, numbers, table_of,
-        values_of
-    readers.table.headings: SEPARATOR_LINE, check_first_row, is_unit, named_table, rate_in
+    readers.table.cells: COMMAS, COMMENT, DECIMAL_COMMA, Decimal, FLOAT32_MAX, LOOKED_AT, MAX_CHANNELS,
+        NEAR_IN_FLOAT32, NOT_FINITE, NUMBER, THOUSANDS, Table, as_signal, cells, check_digits, check_width,
+        columns_of, finite_called, grouping_of, has_decimal_commas, has_decimals, is_gap, is_meant_as_number,
+        is_value, lines_of, numbers, table_of, values_of
+    readers.table.headings: SEPARATOR_LINE, check_first_row, is_unit, named_table, rate_in, separator_of
     readers.table.texts: read_any_text, read_text, split_header
     recordings: LABEL, Recordings, Trials, check_channels, check_conditions, check_import, check_named_classes,
         check_sampling_rate, class_indices, class_names, default_channels, order_by_name, select_conditions,

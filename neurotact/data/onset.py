@@ -114,7 +114,7 @@ def evenly(n_trials: int, most: int = MOST_TRIALS) -> np.ndarray:
     >>> evenly(10, 4).tolist(), evenly(3, 4).tolist()
     ([0, 3, 6, 9], [0, 1, 2])
     """
-    return np.unique(np.linspace(0, n_trials - 1, most).astype(int))
+    return np.linspace(0, n_trials - 1, min(n_trials, most)).astype(int)
 
 
 def _features(trials: Trials, trial: int, edges: list[int]) -> np.ndarray:

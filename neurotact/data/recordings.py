@@ -335,7 +335,8 @@ def select_conditions(
 ) -> np.ndarray:
     """Boolean mask of the rows whose columns equal the given values (a list means any of them).
 
-    nouns: what a row and a column are called in messages.
+    3 is the text 03, too, where no row has the text 3. nouns: what a row and a column are called in messages.
+    Raises InputError for a value that no row has, and for a number that is several texts of a column.
 
     >>> table = pd.DataFrame({"label": ["a", "b", "a"], "force_N": [3, 6, 12]})
     >>> select_conditions(table, {"force_N": [3, 12]})
@@ -348,12 +349,31 @@ def select_conditions(
         values = list(wanted) if isinstance(wanted, (list, tuple)) else [wanted]
         values_of_column = table[column]
         if values_of_column.dtype.kind not in "iuf":  # a class may have the name 3, and true may be written in two ways
-            values_of_column, values = _as_words(values_of_column), list(map(_as_word, values))
+            values_of_column = _as_words(values_of_column)
+            values = [_level(values_of_column.unique(), _as_word(value), f"{source}: {column}") for value in values]
+        else:
+            values = [_number(value, value) if isinstance(value, str) else value for value in values]
         keep &= values_of_column.isin(values).to_numpy()
     if not keep.any():
         condition = ", ".join(f"{column} = {wanted}" for column, wanted in where.items())
         raise InputError(f"{source}: no {nouns[0]} has {condition}; {_values_of(table, where)}")
     return keep
+
+
+def _level(levels: np.ndarray, wanted: str, source: str) -> str:
+    """The text that a wanted one is: the same, else the only one that is the same number, as 03 is 3 and 3.0."""
+    if wanted in levels or (number := _number(wanted, None)) is None:
+        return wanted
+    same = [level for level in levels if _number(level, None) == number]
+    if len(same) > 1:
+        raise InputError(f"{source} = {wanted} may be {' or '.join(same)}; write one of these, as in {same[0]!r}")
+    return (*same, wanted)[0]
+
+
+def _number(text: str, default: Any) -> Any:
+    """A text as a number; `default` if it is none."""
+    number = pd.to_numeric(text, errors="coerce")
+    return number if pd.notna(number) else default
 
 
 def _as_words(values: pd.Series) -> pd.Series:

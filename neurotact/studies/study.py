@@ -113,9 +113,9 @@ class StudySpec(Spec):
     split: SplitSpec = SplitSpec()
     early_exit: _EarlyExitSpec = _EarlyExitSpec()
     baselines: Opponents = "none"
-    """The opponents to fit on the same windows, in baselines.csv: `linear`, logistic regression on mean and deviation
-    of the signals; `readout`, also on the spike counts of each encoder; `quick`, on more features, SVM, ELM and trees,
-    also on spikes, and MiniRocket on the signals; `all`, also spectra and a GRU."""
+    """The opponents to fit on the same windows, in baselines.csv: `linear`, logistic regression (of numbers, ridge) on
+    mean and deviation of the signals; `readout`, also on the spike counts of each encoder; `quick`, on more features,
+    SVM, ELM and trees, also on spikes, and MiniRocket on the signals; `all`, also spectra and a GRU."""
     encoding_in: Literal["processor", "sensor"] = "processor"
     """Where conditioning and encoding are computed: their energy counts on the processor, and not in the sensor."""
     prices: PriceList = MEMORY_45NM

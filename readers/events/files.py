@@ -23,7 +23,16 @@ from neurotact.data.readers.columns import OF_EVENTS, LayoutSpec, called, read_t
 from neurotact.data.readers.formats import arrays_in, tables_in
 from neurotact.data.readers.formats.contents import HDF5, LVM, MATLAB, NPY, NPZ, TDMS, ZIP, check_content
 from neurotact.data.readers.specs import NamingSpec
-from neurotact.data.readers.table.cells import DECIMAL_COMMA, NUMBER, THOUSANDS, columns_of, grouping_of, values_of
+from neurotact.data.readers.table.cells import (
+    COMMAS,
+    DECIMAL_COMMA,
+    NUMBER,
+    THOUSANDS,
+    columns_of,
+    grouping_of,
+    has_decimal_commas,
+    values_of,
+)
 from neurotact.data.readers.table.headings import named_table
 from neurotact.data.recordings import LABEL
 from neurotact.data.spikes import SpikeTrains
@@ -341,6 +350,9 @@ def _channel(values: np.ndarray, name: str, path: Path) -> np.ndarray:
 
 def _stamps(values: np.ndarray, name: str, path: Path) -> np.ndarray:
     """The times of events as the numbers that the file holds."""
+    if values.dtype.kind in "OSU" and has_decimal_commas([values.astype(str).tolist()]):
+        log.warning("%s: %s", path, COMMAS)
+        values = np.char.replace(values.astype(str), ",", ".")
     stamps = values_of(values)
     if stamps.dtype.kind == "U":
         texts = stamps.tolist()

@@ -11,9 +11,11 @@ from neurotact.data.onset import (
     LATEST,
     common_onset_s,
     common_spike_onset_s,
+    evenly,
 )
 from neurotact.data.recordings import Recordings
 from neurotact.data.spikes import from_rasters
+from neurotact.networks.training import ranges
 
 RATE_HZ = 200.0
 
@@ -148,3 +150,13 @@ def test_spike_trains_without_spikes_or_time_start_at_once():
     assert common_spike_onset_s(empty) == 0
     assert common_spike_onset_s(from_rasters(np.zeros((4, 30, 0)), RATE_HZ, (), conditions)) == 0
     assert common_spike_onset_s(from_rasters([], RATE_HZ, ("a",), conditions[:0])) == 0
+
+
+@given(st.integers(1, 400), st.integers(1, 60))
+def test_trials_that_are_chosen_are_as_far_apart_as_whole_numbers_can_be(n_trials, most):
+    chosen = evenly(n_trials, most)
+    assert len(chosen) == min(n_trials, most)
+    assert chosen[0] == 0
+    assert most == 1 or chosen[-1] == n_trials - 1
+    assert len(chosen) < 3 or np.ptp(np.diff(chosen)) <= 1
+    assert ranges.evenly(np.arange(n_trials) + 7, most).tolist() == (chosen + 7).tolist()

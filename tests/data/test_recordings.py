@@ -186,6 +186,29 @@ def test_conditions_are_selected_by_value_and_by_any_of_several():
         select_conditions(table, {"force_N": 4})
 
 
+@given(st.integers(-99, 99), st.sampled_from(["{}", "{}.0", "{}e0", "{:04d}", "{:+d}"]), st.booleans())
+def test_a_number_is_found_however_it_and_the_level_are_written(number, form, is_numeric):
+    every = [number, float(number), *(way.format(number) for way in ("{}", "{}.0", "{:04d}", "{}e0"))]
+    levels = [form.format(number), form.format(number + 1), form.format(number)]
+    table = pd.DataFrame({"p": [float(level) for level in levels] if is_numeric else [*levels[:2], levels[0]]})
+    for wanted in every:
+        assert select_conditions(table, {"p": wanted}).tolist() == [True, False, True]
+    with pytest.raises(InputError, match="no trial has"):
+        select_conditions(table, {"p": f"{number}x"})
+
+
+def test_a_number_that_is_several_levels_is_refused_unless_one_is_written_so():
+    table = pd.DataFrame({"p": ["03", "3.0", "x", "nan", "03"]})
+    with pytest.raises(InputError, match=r"where: p = 3 may be 03 or 3\.0; write one of these, as in '03'$"):
+        select_conditions(table, {"p": 3}, "where")
+    assert select_conditions(table, {"p": 3.0}).tolist() == [False, True, False, False, False]
+    assert select_conditions(table, {"p": ["03", "x"]}).tolist() == [True, False, True, False, True]
+    with pytest.raises(InputError, match="no trial has p = inf"):
+        select_conditions(table, {"p": float("inf")})
+    with pytest.raises(InputError, match="no trial has p = x"):
+        select_conditions(pd.DataFrame({"p": [3.0, np.nan]}), {"p": "x"})
+
+
 @pytest.mark.parametrize("label", ["", " ", None, np.nan])
 def test_a_trial_without_a_class_is_refused(label):
     refused("skin.h5: trial 1 has an empty label", labels=("felt", label, "silk"), source="skin.h5")

@@ -14,6 +14,8 @@ from neurotact_parts.exporters.c.opponents import Standard
 from neurotact_parts.opponents import minirocket
 from sklearn.linear_model import Ridge
 from sklearn.neighbors import KNeighborsClassifier
+from sklearn.pipeline import make_pipeline
+from sklearn.tree import DecisionTreeClassifier
 
 import neurotact as nt
 from neurotact.baselines.opponent import load
@@ -71,7 +73,12 @@ def test_an_opponent_in_c_decides_as_in_python(name, n_bins, n_classes, tmp_path
 @pytest.mark.parametrize(
     ("change", "why"),
     [
-        ({0: Ridge()}, "Ridge has no C here; choose among Pipeline, SVC"),
+        (
+            {0: DecisionTreeClassifier().fit([[0], [1]], [0, 1])},
+            "DecisionTreeClassifier has no C here; choose among P",
+        ),
+        ({0: Ridge()}, "Ridge tells numbers, and opponents have C for classes alone; export the network"),
+        ({0: make_pipeline(Ridge()).fit([[0], [1]], [0, 1])}, "Pipeline tells numbers, and opponents have C for"),
         ({3: ["a", "b", "c"]}, "knows 2 of 3 classes"),
         ({4: 2**19}, "windows: have 524288 samples, of which a sum may exceed 32 bits"),
     ],

@@ -357,6 +357,13 @@ def test_what_the_table_refuses_is_refused_with_its_reason(executor, feature, tm
         export(executor, feature, tmp_path)
 
 
+def test_a_detector_in_integers_is_told_what_runs_it_and_no_other_readout():
+    leaks = subject_with("readout that leaks")._replace(detects=True)
+    with pytest.raises(InputError, match=rf"^{IN_TIME}: .*; export it in float32$"):
+        require("c-integer", leaks)
+    require("c-float", leaks)
+
+
 @pytest.mark.parametrize("feature", FEATURES)
 def test_a_feature_is_seen_where_it_is_and_the_reference_runs_it(feature):
     encoder, network, rule = parts_with(feature)

@@ -12,7 +12,7 @@ from neurotact_parts.networks import new_class
 
 import neurotact as nt
 from neurotact import files
-from neurotact.data.spikes import from_rasters
+from neurotact.data.spikes import end_to_end, from_rasters
 from neurotact.networks.training import run_folder
 
 SEEDS = st.integers(0, 2**32 - 1)
@@ -20,7 +20,7 @@ NETWORK = {"hidden": 6, "readout": "integrator", "readout_stretches": 2, "readou
            "training.epochs": 3, "forward_weight_scale": 3.0, "recipe": None}  # fmt: skip
 NAMES = tuple(f"taxel{k}" for k in range(4))
 WINDOW = nt.Window(length_ms=50)
-KINDS = {"felt": (0, 1), "silk": (1, 2), "wool": (2, 3)}
+KINDS = {"felt": (0, 1), "silk": (1, 2), "wool": (2, 3), "mesh": (0, 3)}
 
 
 def rasters_of(labels: list[str], seed: int = 0) -> np.ndarray:
@@ -96,6 +96,36 @@ def test_a_new_class_is_told_apart_and_the_known_ones_are_counted(place):
     tested = nt.infer(place / "with-wool", place / "spikes.h5")
     tested = tested[tested["side"] == "test"]
     assert (tested["label"] == tested["predicted"]).mean() == pytest.approx(row["old_after"])
+
+
+def test_one_class_after_the_other_is_both_at_once_and_the_spikes_of_training_stay_known(place, tmp_path):
+    nt.save(touches(["mesh"] * 6, seed=2), tmp_path / "mesh.h5")
+    nt.save(
+        end_to_end([touches(["wool", "felt", "wool"] * 8, seed=1), touches(["mesh"] * 6, seed=2)]), tmp_path / "2.h5"
+    )
+    nt.learn(place / "with-wool", tmp_path / "mesh.h5", tmp_path / "one-by-one")
+    row = nt.learn(place / "run", tmp_path / "2.h5", tmp_path / "at-once")
+    one, both = (run_folder.restore(tmp_path / name) for name in ("one-by-one", "at-once"))
+    assert (one.classes, both.classes) == (("felt", "silk", "wool", "mesh"), ("felt", "silk", "mesh", "wool"))
+    order = [0, 1, 3, 2]
+    torch.testing.assert_close(one.network.readout_weights, both.network.readout_weights[..., order])
+    torch.testing.assert_close(one.network.bias, both.network.bias[order])
+    assert list(one.taught) == ["wool", "mesh"]
+    assert files.read_json(tmp_path / "one-by-one" / "result.json")["row"]["old_after"] == row["old_after"]
+    assert len(run_folder.trained_spikes_of(one)) == 80
+    again = nt.infer(tmp_path / "one-by-one", tmp_path / "2.h5")
+    assert again.groupby("label")["side"].apply(lambda sides: (sides == "training").sum()).to_dict() == {
+        "felt": 0, "mesh": 5, "wool": 5,
+    }  # fmt: skip
+    nt.save(touches(["felt", "silk"] * 40, seed=5), tmp_path / "others.h5")
+    with pytest.raises(nt.InputError, match="no longer contains the trials"):
+        nt.learn(place / "with-wool", tmp_path / "mesh.h5", tmp_path / "new", spikes=tmp_path / "others.h5")
+
+
+@pytest.mark.parametrize("further", [nt.fine_tune, nt.save_energy])
+def test_what_trains_again_names_the_classes_that_were_learned_later(place, tmp_path, further):
+    with pytest.raises(nt.InputError, match="with-wool: learned wool after its training, and"):
+        further(place / "with-wool", tmp_path / "new")
 
 
 def test_trials_of_known_classes_are_named_and_the_run_cannot_be_overwritten(place, tmp_path):

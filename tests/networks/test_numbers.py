@@ -12,13 +12,14 @@ from levels import examples
 from sklearn.linear_model import Ridge
 
 import neurotact as nt
+from neurotact import effects
 from neurotact.baselines import opponent
 from neurotact.data.spikes import from_rasters
 from neurotact.errors import InputError
 from neurotact.files import read_json
 from neurotact.networks.definition.rsnn import RSNN
 from neurotact.networks.definition.specs import RSNNSpec, TrainingSpec
-from neurotact.networks.training import comparison, ensemble, epochs, linear, losses, numbers, tasks, trainer
+from neurotact.networks.training import comparison, ensemble, linear, losses, numbers, tasks, trainer
 from neurotact.networks.training.comparison import Trials
 from neurotact.networks.training.tasks import Task
 
@@ -55,6 +56,11 @@ def told(spec: RSNNSpec, conditions: pd.DataFrame, *target: str) -> tuple[np.nda
     every, _ = tasks.examples_of(trains, np.arange(TRIALS), task)
     assert isinstance(fitted.network, RSNN)
     return fitted.network.infer(every.spikes).readout.numpy(), fitted.network
+
+
+def test_why_keys_of_a_hidden_layer_have_no_effect_is_said_of_the_regression_of_numbers_too():
+    assert {"logistic" in why for why in effects.voids(hidden=0).values()} == {False}
+    assert "a regression fits the weights" in effects.voids(hidden=0)["reset"]
 
 
 @pytest.mark.parametrize("spec", [SPEC, NONE], ids=["hidden", "no hidden"])
@@ -109,7 +115,7 @@ def test_the_mean_score_is_r_squared_over_the_targets(seed, n_targets):
     rng = np.random.default_rng(seed)
     labels, values = rng.normal(5, 3, (2, 20, n_targets))
     spread = torch.from_numpy(labels.std(axis=0))
-    score = float(epochs.right(torch.from_numpy(values), torch.from_numpy(labels), spread).mean())
+    score = float(opponent.right(torch.from_numpy(values), torch.from_numpy(labels), spread).mean())
     r2 = [numbers.errors(values, labels, [*"abc"[:n_targets]], np.arange(20))[f"r2_{x}"] for x in "abc"[:n_targets]]
     assert score == pytest.approx(np.mean(r2))
 
@@ -211,7 +217,7 @@ def test_rivals_tell_the_same_numbers_and_a_better_one_is_found():
         for source in ("counts", "10 time bins")
     }
     assert found["ridge regression on counts"] > 0.6
-    mean = epochs.right(sides.train.labels.mean(dim=0).expand(len(n[2]), 2), sides.test.labels, sides.test.deviation)
+    mean = opponent.right(sides.train.labels.mean(dim=0).expand(len(n[2]), 2), sides.test.labels, sides.test.deviation)
     worse = comparison.compare(mean.tolist(), sides, trials, 2)
     assert worse.verdict == "worse"
     assert worse.accuracy == pytest.approx(worse.commonest)

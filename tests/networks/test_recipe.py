@@ -226,6 +226,7 @@ def test_of_a_network_that_was_kept_what_has_an_effect_is_told_as_it_has_it():
     kept = recipe.resolve(DEFAULT, at).model_copy(update={"hidden": 0, "direct": False, "readout_stretches": 8})
     told = [line.partition(" (")[0] for line in recipe.described(DEFAULT, at, kept)]
     assert {"hidden = 0", "readout_stretches = 8"} <= {*told}
+    assert "hidden = 0 (that of the network which validation windows chose)" in recipe.described(DEFAULT, at, kept)
     assert not any(line.startswith(("training.", "tau_mem_ms", "surrogate")) for line in told)
 
 

@@ -91,10 +91,20 @@ def test_the_run_is_trial_0_and_what_is_left_is_beside_it(saved, run):
     first = answer["points"][0]
     assert first["left"][LIST] == pytest.approx(first["costs"][LIST] / first["costs_run"][LIST])
     assert first["left"][LIST] < 1
-    assert json.loads((folder / "answer.json").read_text())["answer"] == answer["answer"] == told[0]
+    assert json.loads((folder / "answer.json").read_text())["answer"] == answer["answer"]
+    assert told[0].startswith(f"{folder / '1'}: {answer['answer']}; validation accuracy ")
+    assert sum(answer["answer"] in line for line in told) == 1
     assert (folder / "front.png").is_file()
     assert answer["next"] == "export"
     assert (folder / answer["points"][0]["spikes"]).is_file()
+
+
+def test_without_an_answer_that_is_said_before_the_points(saved, run, tmp_path, monkeypatch):
+    folder, told = shutil.copytree(saved[0], tmp_path / "small"), []
+    monkeypatch.setattr(choice, "found", lambda *given: found(*given)._replace(answer=None))
+    nt.save_energy(run, folder, trials=13, at_most_points=100, workers=1, tell=told.append)
+    assert told[0] == "No setting that was tried saves energy and loses at most 100 points of accuracy"
+    assert told[1].startswith(f"{folder / '1'}: ")
 
 
 @pytest.mark.parametrize(

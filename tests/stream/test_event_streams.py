@@ -13,6 +13,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from in_process import typed
 from made_chains import events_of_trial, make_encoder, make_event_run, told
+from neurotact_parts.streams import sources
 from neurotact_parts.streams.chain import Chain, chain_of
 from neurotact_parts.streams.events import MOST_CELLS, Channels
 
@@ -160,6 +161,14 @@ def test_channels_are_found_by_numbers_names_and_populations():
         Channels(("left", "right")).number(0, 1)
     with pytest.raises(InputError, match="OFF, ON"):
         Channels(AFFERENTS, "merge")
+
+
+def test_times_of_events_may_have_decimal_commas(capsys):
+    rows = sources.EventRows("-", Channels(["a", "b"]), sources.Faults())
+    assert [arrived.events for arrived in rows.take(b"time;channel\n0;a\n0,5;b\n1,25;a\n")] == [
+        sources.Events([0.0, 0.5, 1.25], [0, 1, 0])
+    ]
+    assert capsys.readouterr().err == "neurotact: -: commas in numbers are decimal\n"
 
 
 def test_each_kind_of_chain_refuses_the_input_of_the_other():

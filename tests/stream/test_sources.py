@@ -42,6 +42,26 @@ def test_rows_are_the_same_however_the_bytes_come(cuts, separator):
     assert np.array_equal(np.array(taken(Rows("-", 2, 1000.0, Faults()), *pieces), np.float32), signal)
 
 
+@given(st.lists(st.floats(-99, 99, width=16), min_size=6, max_size=6), st.sampled_from(";\t "), st.booleans())
+def test_rows_with_decimal_commas_are_those_with_points(values, separator, ends_open):
+    lines = [separator.join(map(repr, values[at : at + 3])) + separator * ends_open for at in (0, 3)]
+    with_points = "t;a;b\n" + "\n".join(lines) + "\n"
+    found = [taken(Rows("-", 3, 1.0, Faults()), text.encode()) for text in (with_points, with_points.replace(".", ","))]
+    assert found[0] == found[1] == [pytest.approx(values[:3]), pytest.approx(values[3:])]
+
+
+def test_decimal_commas_are_said_once_and_no_other_commas_are_taken_for_them(capsys):
+    assert taken(Rows("-", 2, 1.0, Faults()), b"1;2\n1,5;2\n2,345;0\n1.5;1,234\n") == [
+        [1.0, 2.0], [1.5, 2.0], [pytest.approx(2.345), 0.0], [1.5, pytest.approx(1.234)],
+    ]  # fmt: skip
+    assert capsys.readouterr().err == "neurotact: -: commas in numbers are decimal\n"
+    assert taken(Rows("-", 4, 1.0, Faults()), b"1,2;3,4\n") == [[1.0, 2.0, 3.0, 4.0]]
+    assert taken(Rows("-", 2, 1.0, Faults()), b"1;2\n1,234;2,345\n1,5;2.5\n1,2,\n") == [[1.0, 2.0], 1, 1, [1.0, 2.0]]
+    assert taken(Rows("-", 3, 1.0, Faults()), b"1;2;3\n1,5;2,5\n7,8;9\n") == [[1.0, 2.0, 3.0], 1, [7.0, 8.0, 9.0]]
+    with pytest.raises(InputError, match="has 4 values"):
+        taken(Rows("-", 2, 1.0, Faults()), b"1,234;2,345\n")
+
+
 @pytest.mark.parametrize(
     "above",
     ["", "\ufeff", "\ufeff# a skin\n", "\ufeffleft,right\n", "sep=,\nleft,right\n", "# a skin\nleft,right\n",

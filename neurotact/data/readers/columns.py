@@ -148,7 +148,7 @@ class ColumnsSpec(Spec):
     """Drop every row with the time stamp of the row before it, in place of spreading such rows evenly."""
     missing: Missing | None = Field(default=None, json_schema_extra=chosen("refused"))
     """Empty cells, NaN and cut lines: fill them, at most 5 % of a trial, or drop their trials, at most 20 % of all."""
-    decimal: Literal[".", ","] = "."
+    decimal: Literal[".", ","] | None = Field(default=None, json_schema_extra=chosen("a comma where it must be one"))
     """Decimal separator."""
     header_lines: int | None = Field(default=None, ge=0, le=10_000, json_schema_extra=chosen("detected"))
     """Lines before the first sample. The last of them names the columns if it has as many cells; when absent, the lines

@@ -255,7 +255,7 @@ FEATURES: dict[str, _Feature] = {
         lambda s: s.network.spec.hears_afferents and s.network.spec.hidden > 0,
         "train with direct = false",
     ),
-    IN_TIME: _Feature("exit", (), lambda s: s.detects, "stream it"),
+    IN_TIME: _Feature("exit", (), lambda s: s.detects, "export it in float32"),
     "exit by patience": _Feature("exit", (), lambda s: s.rule.patience is not None, "decide at the end of a window"),
     "none of these": _Feature("exit", ("refuse",), lambda s: s.rule.least_lead > 0, "train without refuse"),
 }
@@ -277,10 +277,10 @@ _STREAMED = {
     "double precision": "a chain is deployed in float32",
 }
 _IN_INTEGERS = {
+    IN_TIME: "its readout must leak, and a leak has no integer form",
     "adaptive thresholds": "they have no integer form; export it in float32",
     "readout that leaks": "a leak has no integer form; export it in float32",
     "readout max": "a leak has no integer form; export it in float32",
-    IN_TIME: "its readout must leak; export it in float32",
 }
 _IN_C = {
     **dict.fromkeys(OTHER_MODELS, "C has LIF afferents alone"),

@@ -454,7 +454,7 @@ def described(spec: RSNNSpec, seen: Seen, kept: RSNNSpec | None = None) -> Itera
         for choice in choices(seen, given):
             if choice.key not in known and has_key(spec, choice.key) and choice.key not in void:
                 value = own.get(choice.key, choice.value)
-                why = choice.why if value == choice.value else "as the network that was kept has it"
+                why = choice.why if value == choice.value else "that of the network which validation windows chose"
                 yield f"{choice.key} = {value} ({why})"
     per_bin = clock.steps_per_bin(resolve(spec, seen).step_ms, seen.sampling_rate_Hz)
     n_merged = seen.merging[per_bin - 1] if per_bin <= len(seen.merging) else 0

@@ -172,8 +172,8 @@ class RSNNSpec(Spec):
     a trained network is one of the two. Another name: a network of several layers (`layered`), or of another package
     (`docs/plugins.md`), with keys of its own beside step_ms, recipe and training."""
     hidden: int = Field(default=30, ge=0, le=MOST_HIDDEN)
-    """Neurons in the hidden layer. 0: none; the integrator hears the afferents and is fitted as logistic regression.
-    A list, such as [20, 10]: of several layers (`model = "layered"`)."""
+    """Neurons in the hidden layer. 0: none; the integrator hears the afferents and is fitted by logistic or, of
+    numbers, ridge regression. A list, such as [20, 10]: of several layers (`model = "layered"`)."""
     direct: bool | Literal["auto"] = False
     """Whether an integrator also hears the afferents themselves, past the hidden layer. Without one it always does.
     auto: networks are tried from the smallest up: without a hidden layer, with it (`model`), with a path past it. Each

@@ -13,7 +13,7 @@ from neurotact.metrics.decision import otherwise
 from neurotact.metrics.paired import by_trial, compare_by_trial
 from neurotact.metrics.referee import Verdict, Way
 from neurotact.metrics.shares import standard_error, wilson_interval
-from neurotact.networks.training import epochs, numbers
+from neurotact.networks.training import numbers
 from neurotact.networks.training.epochs import Examples
 from neurotact.networks.training.tasks import Sides
 from neurotact.progress import say
@@ -28,7 +28,7 @@ class Comparison(NamedTuple):
     low, high: the 95 % interval of `accuracy`, over `trials` test trials: of this network, not of another start.
     chance: of guessing each class equally often.
     commonest: of always choosing the most frequent class of training.
-    Of numbers, accuracies are mean scores (`epochs.right`), and the last two are that of the mean of training.
+    Of numbers, accuracies are mean scores (`opponent.right`), and the last two are that of the mean of training.
     baseline: the classifier on the same spikes with the highest accuracy on validation windows, and its test accuracy.
     verdict: whether the network is clearly better or worse than the classifiers that validation cannot tell from that
     one, or neither (`tie`), by the referee; rival: the one that decides, its test accuracy, and p after correction for
@@ -113,7 +113,7 @@ def _guessed(sides: Sides, n_classes: int) -> tuple[float, float]:
     known, test = sides.train.labels, sides.test
     if known.ndim > 1:
         mean = known.double().mean(dim=0).expand(len(test.labels), -1)
-        score = float(epochs.right(mean, test.labels, test.deviation).mean())
+        score = float(opponent.right(mean, test.labels, test.deviation).mean())
         return score, score
     return 1 / n_classes, float((test.labels == int(known.bincount().argmax())).double().mean())
 

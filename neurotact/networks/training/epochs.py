@@ -12,6 +12,7 @@ from torch import Tensor
 
 from neurotact import workers
 from neurotact.backend import n_threads
+from neurotact.baselines.opponent import right
 from neurotact.errors import InputError
 from neurotact.networks.definition import optimisers
 from neurotact.networks.definition.module import ModuleNetwork
@@ -39,24 +40,6 @@ class Examples(NamedTuple):
     def binned(self, network: Network) -> "Examples":
         """The same on the clock of a network."""
         return self._replace(spikes=network.binned(self.spikes))
-
-
-def right(values: Tensor, labels: Tensor, deviation: Tensor | None = None) -> Tensor:
-    """Whether readout values `(window, class)` decide each window correctly; of numbers, its score. `(window,)`.
-
-    labels: class indices `(window,)`, or numbers `(window, target)`. The score of a window is 1 less the mean over
-    targets of the squared error in units of `deviation`, that of training (1 if absent): on average 1 is perfect, and
-    0 what the mean of training would have, as R^2 is.
-
-    >>> right(torch.tensor([[0.0, 3.0], [2.0, 1.0]]), torch.tensor([1, 1]))
-    tensor([ True, False])
-    >>> right(torch.tensor([[3.0], [5.0]]), torch.tensor([[3.0], [3.0]]), torch.tensor([4.0]))
-    tensor([1.0000, 0.7500])
-    """
-    if labels.ndim == 1:
-        return values.argmax(dim=1) == labels
-    errors = values - labels
-    return 1 - (errors if deviation is None else errors / deviation).square().mean(dim=1)
 
 
 JOINED = NOT_KEPT = 0

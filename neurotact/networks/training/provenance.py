@@ -98,6 +98,11 @@ class Provenance(Spec):
         training = _Trials(recorded=recorded, spikes=(*seen.spikes, *also.spikes))
         return self.model_copy(update={"trials": self.trials.model_copy(update={"training": training})})
 
+    def with_first(self, n: int) -> "Provenance":
+        """The same with the first n training trials alone: those after them were learned later, by `with_training`."""
+        first = {key: digests[:n] for key, digests in self.trials.training}
+        return self.model_copy(update={"trials": self.trials.model_copy(update={"training": _Trials(**first)})})
+
     def sides_of_recorded(self, digests: Iterable[str]) -> np.ndarray:
         """The side that each recording was on, by its digest (`data.digests`)."""
         return self._sides_of("recorded", digests)

@@ -3,14 +3,14 @@
 import math
 from collections.abc import Sequence
 from pathlib import Path
-from typing import Annotated, NamedTuple
+from typing import Annotated, Any, NamedTuple
 
 import numpy as np
 import torch
 from pydantic import AfterValidator
 from torch import Tensor
 
-from neurotact.data import encoded_from
+from neurotact.data import encoded_from, onset
 from neurotact.data.spikes import SpikeTrains
 from neurotact.errors import InputError
 from neurotact.networks.definition import reference
@@ -80,9 +80,9 @@ def record_states(network: RSNN, rasters: Tensor) -> tuple[float, float]:
     return largest[0], largest[1]
 
 
-def evenly(trials: np.ndarray) -> np.ndarray:
-    """At most `MOST_TRIALS` of some trials, spread evenly."""
-    return trials[np.linspace(0, len(trials) - 1, min(len(trials), MOST_TRIALS)).astype(int)]
+def evenly(values: Any, most: int = MOST_TRIALS) -> Any:
+    """At most so many of some trials or windows, spread evenly."""
+    return values[onset.evenly(len(values), most)]
 
 
 def recorded(

@@ -273,6 +273,8 @@ class Restored(NamedTuple):
     """As of `trainer.Trained`."""
     source: str = "run"
     """Its folder, or what it was in memory, for messages."""
+    taught: Mapping[str, list[str]] = {}
+    """Of each class that it learned after its training, the touches as the readout heard them (`neurotact learn`)."""
 
     @property
     def spikes_path(self) -> Path | None:
@@ -301,6 +303,15 @@ class Restored(NamedTuple):
             raise InputError(f"{self.source}: {tells}, and {what} needs classes; train without `target`")
         return self
 
+    def as_trained(self, what: str) -> "Restored":
+        """The network itself; InputError if it learned classes later, of which `what` would need more touches."""
+        if self.taught:
+            raise InputError(
+                f"{self.source}: learned {', '.join(self.taught)} after its training, and {what} knows the touches of "
+                "that training alone; give the run that it learned from, or train with all classes"
+            )
+        return self
+
     def exits(self, early_exit: bool = True) -> ExitRule:
         """The rule by which it decides: that of early exit if asked for and used (`patience.ExitChoice.used`)."""
         used = self.rule if self.held is None else self.held.used
@@ -322,6 +333,7 @@ class _Extra(Provenance):
     ranges: SavedRanges | None = None
     recorded_Hz: float | None = Field(default=None, gt=0)
     detector: DetectorSpec | None = None
+    taught: dict[str, list[str]] = {}
 
 
 def files_of(folder: str | Path) -> list[Path]:
@@ -359,13 +371,16 @@ def restore(
         network.to(device), known.task, rule, known.classes, tuple(places), known.encoder, provenance,
         extra.get("fine_tuned"), known.recorded_Hz, known.has_own_rule, held=held, ranges=known.ranges,
         refusal=known.refusal, detector=known.detector, source=str(folder),
+        taught=known.taught,
     )  # fmt: skip
 
 
 def _has_its_trials(restored: Restored, trains: SpikeTrains) -> bool:
-    """Whether spike trains, split again, have the trials of a network's training."""
-    known = restored.provenance
-    return known is None or provenance_of(trains, trials_of(trains, restored.task)).trials == known.trials
+    """Whether spike trains, split again, have the trials of a network's training; a class learned later has others."""
+    known, sides = restored.provenance, trials_of(trains, restored.task)
+    if known is not None and restored.taught:
+        known = known.with_first(len(sides.train))
+    return known is None or provenance_of(trains, sides).trials == known.trials
 
 
 def test_trials(restored: Restored, trains: SpikeTrains) -> np.ndarray:

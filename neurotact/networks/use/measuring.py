@@ -9,6 +9,7 @@ import pandas as pd
 import torch
 from sklearn.metrics import confusion_matrix
 
+from neurotact.baselines.opponent import right
 from neurotact.data.recordings import select_conditions
 from neurotact.data.spikes import SpikeTrains
 from neurotact.data.splits import split_touches
@@ -17,7 +18,7 @@ from neurotact.networks.definition.network import CountedInference, Inference, N
 from neurotact.networks.exit import truncated
 from neurotact.networks.exit.patience import oracle_exit
 from neurotact.networks.exit.rule import leads
-from neurotact.networks.training.epochs import GAINS, Examples, right
+from neurotact.networks.training.epochs import GAINS, Examples
 from neurotact.networks.training.tasks import Sides, Task, examples_of
 from neurotact.networks.training.trainer import Trained
 from neurotact.tables import records
@@ -165,7 +166,7 @@ def synops_of(inference: Inference, network: Network) -> synops.Synops:
 
 
 def right_of(inference: Inference, examples: Examples) -> list[float]:
-    """`epochs.right` of each window that was decided."""
+    """`opponent.right` of each window that was decided."""
     return right(inference.readout.cpu(), examples.labels, examples.deviation).tolist()
 
 

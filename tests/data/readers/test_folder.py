@@ -347,7 +347,7 @@ def test_trials_of_other_taxels_are_refused(tmp_path):
         ("a,b,\n1,2,3\n", "a.csv: line 2 has 3 columns where 2 are expected"),
         ("a,a\n1,2\n", "a.csv: two columns are named 'a'"),
         ("0,1,2\n1,2,3\n", "a.csv: line 1 counts 0 to 2, which looks like column numbers"),
-        ("a;b\n1,5;2,5\n", "a.csv: line 2 has decimal commas; pass `decimal=','` or write decimal points"),
+        ("a;b\n1,5;2.5\n", "a.csv: line 2 has decimal commas; pass `decimal=','` or write decimal points"),
     ],
 )
 def test_a_table_that_cannot_be_read_is_named(tmp_path, text, message):

@@ -343,7 +343,8 @@ def test_the_unit_of_stamps_of_touch_is_found_or_asked_for(unit, rate_Hz, n_samp
 @pytest.mark.parametrize(
     ("text", "options", "message"),
     [
-        ("1;2,5\n", {}, "line 1 has decimal commas; pass `decimal=','`"),
+        ("1;2,5\n", {"decimal": "."}, "line 1 has decimal commas; pass `decimal=','`"),
+        ("1.5;2,5\n", {}, "line 1 has decimal commas; pass `decimal=','`"),
         ("1,2\n", {"decimal": ","}, "has commas between its columns"),
         ("1,5;2.5\n", {"decimal": ","}, "line 1 holds a point, but commas are decimal"),
         (

@@ -92,6 +92,8 @@ SAID: dict[str, tuple[str | bytes, str]] = {
         "t,left,right\nms,mV,mV\n" + rows(table=TOUCH.assign(t=TOUCH.t * 1e3)),
         "the line of units is no sample (ms, mV, mV)",
     ),
+    "decimal commas": ("t;left;right\n" + rows(";", ","), "commas in numbers are decimal"),
+    "decimal commas between blanks": ("t left right\n" + rows(" ", ","), "commas in numbers are decimal"),
     "units of some columns": ("t;left;right\ns;;\n" + rows(";"), "the line of units is no sample (s)"),
     "units in brackets": (
         "t;left;right\n[s];[N];[N]\n" + rows(";"), "the line of units is no sample ([s], [N], [N])",
@@ -134,9 +136,8 @@ SAID: dict[str, tuple[str | bytes, str]] = {
 """Files of `TOUCH`, and what is said of them."""
 REFUSED: dict[str, tuple[str | bytes, str]] = {
     "decimal commas": (
-        "t;left\n0,00;1,0\n0,01;2,0\n", "line 2 has decimal commas; pass `decimal=','` or write decimal points",
+        "t;left\n0,00;1.5\n0,01;2.5\n", "line 2 has decimal commas; pass `decimal=','` or write decimal points",
     ),
-    "decimal commas between blanks": ("t left\n0,00 1,0\n0,01 2,0\n", "line 2 has decimal commas; pass `decimal=','`"),
     "decimal commas in one column": ("force\n0,5\n0,6\n", "if these are decimal commas, pass `decimal=','`)"),
     "decimal commas and others": ("t,left\n0,00,1,0\n", "put ; between columns and pass `decimal=','`)"),
     "thousands": (
@@ -246,6 +247,16 @@ def test_what_cannot_be_read_is_named_with_the_fix(tmp_path, name):
     assert str(refusal.value).startswith(f"{tmp_path / 'felt' / '1.csv'}: ")
     assert "\n" not in str(refusal.value)
     assert "drop" not in str(refusal.value)
+
+
+@pytest.mark.parametrize(("decimal", "hand"), [(",", 1.2), (".", "1,2")])
+def test_a_table_of_annotations_has_the_decimal_sign_of_its_samples(tmp_path, decimal, hand):
+    (tmp_path / "all.csv").write_text("t;left;right\n" + rows(";", decimal))
+    marks = "begin;end;label;hand\n0;0.035;tap;1,2\n0.035;0.06;rub;1,2\n".replace("0.0", f"0{decimal}0")
+    (tmp_path / "marks.csv").write_text(marks)
+    found = nt.read_table(tmp_path / "all.csv", unit="V", annotations=tmp_path / "marks.csv")
+    np.testing.assert_array_equal(np.concatenate(found.signals), SAMPLES)
+    assert found.conditions["hand"].tolist() == [hand] * 2
 
 
 @pytest.mark.parametrize("name", READ)

@@ -130,7 +130,7 @@ def test_decimals_of_one_number_or_as_short_as_they_can_be_are_read(values, deci
     (["850", "1.234", "2.345"], "has separators of thousands, as in '1.234'"),
     (["850", "1 234", "2 345"], "has separators of thousands, as in '1 234'"),
     (["850", "1_234", "2_345"], "has separators of thousands, as in '1_234'"),
-    (["0,5", "1,25", "2,5"], "has decimal commas, as in 0,5; write decimal points"),
+    (["0,5", "1.25", "2,5"], "has decimal commas, as in 0,5; write decimal points"),
 ])  # fmt: skip
 def test_times_of_events_are_read_as_they_were_written_or_refused(tmp_path, times, message):
     path = tmp_path / "events.csv"
@@ -143,6 +143,7 @@ def test_times_of_events_are_read_as_they_were_written_or_refused(tmp_path, time
     ("p;q\n1.234;1\n850;2\n2.345;1\n", "line 2, column 1 (p) is '1.234', where '850' has no decimals, as if '.'"),
     ("p;q\n1.000;1\n2.000;2\n850;1\n", "line 2, column 1 (p) is '1.000', where '850' has no decimals, as if '.'"),
     ("p;q\n0;1\n1.234;2\n2.340;1\n", "line 3, column 1 (p) is '1.234', where '0' has no decimals, as if '.'"),
+    ("p;q;r\n1,234;0,5;1\n850;1,5;2\n", "line 2, column 1 (p) is '1,234', with separators of thousands"),
     ("p;q\n1,234;1\n2,345;2\n", "line 2 has commas that are decimal or separate thousands, '1,234'; write decimal"),
     ('p,q\n"0,5",1\n"1,5",2\n', "line 2 has decimal commas; write decimal points"),
     ("1,034\n2,200\n1,040\n", "line 1, column 2 is '034', as the end of a number with a separator of thousands"),
@@ -158,12 +159,27 @@ def test_what_is_refused_names_no_option(tmp_path, text, message):
     assert "`header_lines" not in str(refusal.value)
 
 
+def test_times_of_events_with_decimal_commas_are_those_with_points(tmp_path, caplog):
+    path = tmp_path / "events.csv"
+    path.write_text("time_ms;channel;label\n0,5;0;1,2\n1,25;1;1,2\n2,5;0;1,2\n")
+    with_commas, said = event_files.read(path), caplog.messages[0]
+    path.write_text("time_ms;channel;label\n0.5;0;1,2\n1.25;1;1,2\n2.5;0;1,2\n")
+    found = [next(one.trials()).steps.tolist() for one in (with_commas, event_files.read(path))]
+    assert found[0] == found[1]
+    assert len({*found[0]}) == 3
+    assert said == f"{path}: commas in numbers are decimal"
+    assert with_commas.classes == ("1,2",)
+
+
 def test_numbers_of_their_own_are_read(tmp_path):
     """Numbers with zeros at their beginning or of three digits, and decimal commas that are none of thousands."""
     (tmp_path / "felt").mkdir()
     for text, options, values in (
         ("1,034\n2,1\n", {}, [[1, 34], [2, 1]]),
         ("p;q\n0,234;1\n2,345;2\n", {"decimal": ","}, [[0.234, 1], [2.345, 2]]),
+        ("p;q\n0,234;1,000\n2,345;2,000\n", {}, [[0.234, 1], [2.345, 2]]),
+        ("p;q\n0;1,25\n1;1,5\n", {}, [[0, 1.25], [1, 1.5]]),
+        ("p;q\n0;1,25\n1;1,5\n", {"decimal": ","}, [[0, 1.25], [1, 1.5]]),
         ("p;q\n1.234;850\n2.345;1\n", {}, [[1.234, 850], [2.345, 1]]),
     ):  # fmt: skip
         (tmp_path / "felt" / "1.csv").write_text(text)

@@ -69,6 +69,21 @@ def grouping_of(cells: Iterable[str], mark: str) -> Grouping:
     return "perhaps" if n_marked else "no"
 
 
+def has_decimal_commas(columns: Iterable[Sequence[str]]) -> bool:
+    """Whether commas in numbers are surely decimal, in columns that something else separates; no number has a point.
+
+    >>> has_decimal_commas([["1", "2"], ["0,5", "1,5"]]), has_decimal_commas([["1,234"]]), has_decimal_commas([["1.5"]])
+    (True, False, False)
+    """
+    found = set[Grouping]()
+    for column in columns:
+        if any("." in cell and NUMBER.fullmatch(cell) for cell in column):
+            return False
+        if any(map(DECIMAL_COMMA.fullmatch, column)):
+            found.add(grouping_of(column, ","))
+    return "no" in found and "yes" not in found
+
+
 @lru_cache
 def _marked(mark: str) -> tuple[re.Pattern[str], re.Pattern[str]]:
     """Numbers with one mark, and those with several marks or with decimals."""
@@ -133,6 +148,7 @@ ZERO_PADDED = re.compile(r"0\d{1,2}([.,]\d*)?", re.ASCII)
 COMMENT = re.compile(r"[ \t]*(#|%|//)")
 """The beginning of a line that is a comment."""
 Decimal = Literal[".", ","]
+COMMAS = "commas in numbers are decimal"
 
 
 class Table(NamedTuple):

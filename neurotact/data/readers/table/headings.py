@@ -4,7 +4,7 @@ import logging
 import re
 from collections import Counter, defaultdict
 from collections.abc import Iterator, Sequence
-from itertools import islice
+from itertools import islice, zip_longest
 from pathlib import Path
 from typing import NamedTuple
 
@@ -15,6 +15,7 @@ from neurotact.data.readers.formats import tables_in
 from neurotact.data.readers.formats.contents import BEGIN_OF_LVM
 from neurotact.data.readers.table.cells import (
     BLANKS,
+    COMMAS,
     COMMENT,
     DECIMAL_COMMA,
     NUMBER_OF_ANY_SIGN,
@@ -23,6 +24,7 @@ from neurotact.data.readers.table.cells import (
     Decimal,
     Table,
     cells,
+    has_decimal_commas,
     is_value,
     splits_thousands,
 )
@@ -127,7 +129,7 @@ def _usual_row(text: str, separator: str | None = None) -> _UsualRow | None:
     """
     rows: defaultdict[tuple[str, int], list[list[str]]] = defaultdict(list)
     for line in _probes(text):
-        its = separator or _separator_of(line)
+        its = separator or separator_of(line)
         row = cells(line, its)
         if any(map(is_sample, row)):
             rows[its, len(row)].append(row)
@@ -138,10 +140,10 @@ def _usual_row(text: str, separator: str | None = None) -> _UsualRow | None:
     return _UsualRow(most[0], tuple(fullest), tuple(map(is_sample, fullest)))
 
 
-def _separator_of(line: str) -> str:
+def separator_of(line: str) -> str:
     """What separates the cells of a row: `;`, else tabs, else commas that are not decimal ones, else blanks.
 
-    >>> [_separator_of(row) for row in ("0,5;1", "1, 2", " 0.5   1", "0,5 1,0")]
+    >>> [separator_of(row) for row in ("0,5;1", "1, 2", " 0.5   1", "0,5 1,0")]
     [';', ',', ' ', ' ']
     """
     separator = next((candidate for candidate in SEPARATORS if candidate in line), None)
@@ -222,7 +224,7 @@ class _Head(NamedTuple):
 
 
 def named_table(
-    path: Path, decimal: Decimal = ".", header_lines: int | None = None, *, option: str = "", choice: str = ""
+    path: Path, decimal: Decimal | None = ".", header_lines: int | None = None, *, option: str = "", choice: str = ""
 ) -> Table:
     """As `open_table`, of a file that names its columns, and in which an empty line is no row; its notes are said."""
     table = open_table(path, decimal, header_lines, option=option, choice=choice)
@@ -240,13 +242,14 @@ def named_table(
 
 
 def open_table(
-    path: Path, decimal: Decimal = ".", header_lines: int | None = None, *, option: str = "", choice: str = ""
+    path: Path, decimal: Decimal | None = ".", header_lines: int | None = None, *, option: str = "", choice: str = ""
 ) -> Table:
     """The table in a text file: UTF-8, UTF-16 or Windows-1252; commas, `;`, tabs or blanks between its columns.
 
     Above the samples may stand a line `sep=;`, comments (`#`, `%`, `//`; the last one may name the columns), the names,
     and units below them; or the head of a LabVIEW measurement. header_lines: the number of lines above the samples,
-    which then may be any. option: the one that gives that number; empty without one. choice: see `Table`.
+    which then may be any. option: the one that gives that number; empty without one. choice: see `Table`. decimal: None
+    is a comma, with a note, where those in numbers can be nothing else, or a point.
 
     InputError names other lines above the samples.
 
@@ -282,15 +285,23 @@ def open_table(
     if head.units:
         notes.append(f"the line of units is no sample ({some([unit for unit in head.units if unit])})")
     body = text[samples.begin :]
+    its_decimal = decimal or _decimal_in(body, usual.separator)
+    notes += [COMMAS] if its_decimal != (decimal or ".") else []
     n_columns = usual.n_columns
     if head.names and len(head.names) == len(usual.cells) and head.names[-1]:
         n_columns = len(head.names)
     elif n_columns < len(usual.cells):
         body = re.sub(rf"{usual.separator}[ \t]*$" if usual.separator != "\t" else r"\t *$", "", body, flags=re.M)
     return Table(
-        path, head.names[:n_columns], usual.separator, body, n_columns, samples.number, decimal,
+        path, head.names[:n_columns], usual.separator, body, n_columns, samples.number, its_decimal,
         head.units[:n_columns], choice=choice, notes=tuple(notes),
     )  # fmt: skip
+
+
+def _decimal_in(body: str, separator: str) -> Decimal:
+    """The decimal sign of numbers: a comma where those of some lines can be nothing else, or a point."""
+    rows = (cells(line, separator) for line in _probes(body) if separator != ",")
+    return "," if has_decimal_commas(zip_longest(*rows, fillvalue="")) else "."
 
 
 def _after(text: str, n_lines: int) -> int:
@@ -352,7 +363,7 @@ def _texts(text: str, samples: _Line, above: Sequence[_Line], separator: str | N
     named = [heading.text for heading in above if not COMMENT.match(heading.text)]
     line = named[-1] if named else samples.text
     row = text[samples.begin :].partition("\n")[0]
-    its = separator or _separator_of(line)
+    its = separator or separator_of(line)
     if its == BLANKS and len(cells(line, its)) != len(cells(row, its)):
         its = ","
     names = _without_end(cells(line, its))
