@@ -131,14 +131,11 @@ def rows_of(
 
 def _row(one: Input, name: str, rival: opponent.Opponent, sliding: Sliding, prices: PriceList) -> dict[str, Any]:
     scaled = StandardScaler().fit(one.features[sliding.cuts.sides[0]]).transform(one.features)
-    sides, n_labels = sliding.cuts.sides, len(events.names_of(sliding.trains))
+    sides = sliding.cuts.sides
     given = opponent.Sides(*(scaled[side] for side in sides), *(sliding.labels[side] for side in sides))
     best = opponent.best_of(rival, given, 0)
-    used = np.isin(sliding.cuts.windows.trial, np.concatenate(sliding.parts[1:]))
-    values = np.zeros((len(scaled), n_labels))
-    values[used] = values_of(best.fitted, scaled[used], n_labels)
-    held, test = (sliding.heard(values, side) for side in (sliding.parts.validation, sliding.parts.test))
-    rule = detector.rule_for(held, sliding.task)
+    held, test = (_heard(best, scaled, sliding, side) for side in (sliding.parts.validation, sliding.parts.test))
+    rule = detector.rule_for([*held, *_left_out(best, scaled, sliding, held)], sliding.task)
     found, _, _ = detector.judged(sliding.trains, test, rule)
     scores = {"validation": detector.scores(held, rule), "test": detector.scores(test, rule)}
     scores[DELAYS] = detector.delays_ms(test, rule)
@@ -152,6 +149,25 @@ def _row(one: Input, name: str, rival: opponent.Opponent, sliding: Sliding, pric
         **{f"n_{side}": int(place.sum()) for side, place in zip(SIDES, sides, strict=True)},
         **accuracies, **found, "nJ_per_s": _nJ_per_s(best, one, sliding, prices), opponents.RIGHT: scores,
     }  # fmt: skip
+
+
+def _heard(fitted: opponent.Candidate, features: np.ndarray, sliding: Sliding, trials: np.ndarray) -> list[Heard]:
+    used, n_labels = np.isin(sliding.cuts.windows.trial, trials), len(events.names_of(sliding.trains))
+    values = np.zeros((len(features), n_labels))
+    values[used] = values_of(fitted.fitted, features[used], n_labels)
+    return sliding.heard(values, trials)
+
+
+def _left_out(
+    best: opponent.Candidate, features: np.ndarray, sliding: Sliding, validation: Sequence[Heard]
+) -> Iterator[Heard]:
+    """Training recordings, each as the same settings hear it that were fitted without it (`detector.turns`)."""
+    trial = sliding.cuts.windows.trial
+    for turn in detector.turns(sliding.trains, sliding.parts, sliding.task, validation):
+        train, _, test = sliding.cuts.sides
+        sides = train & np.isin(trial, turn.train), train & np.isin(trial, turn.validation), test
+        given = opponent.Sides(*(features[side] for side in sides), *(sliding.labels[side] for side in sides))
+        yield from _heard(best.again(given), features, sliding, turn.validation)
 
 
 def _nJ_per_s(best: opponent.Candidate, one: Input, sliding: Sliding, prices: PriceList) -> float:  # noqa: N802
