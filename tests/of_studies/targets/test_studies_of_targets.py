@@ -22,14 +22,14 @@ from sklearn.base import BaseEstimator, ClassifierMixin
 
 import neurotact as nt
 from neurotact.baselines import opponents
-from neurotact.baselines.opponent import Opponent
+from neurotact.baselines.opponent import Opponent, Sides, best_of
 from neurotact.baselines.opponents import Cuts, Input
 from neurotact.data import hdf5
 from neurotact.data.recordings import Recordings
 from neurotact.data.splits import SplitSpec
 from neurotact.data.windows import Windows, WindowSpec
 from neurotact.errors import InputError
-from neurotact.metrics.flops import Cost
+from neurotact.metrics.flops import Cost, Dense
 from neurotact.metrics.prices import MEMORY_45NM
 from neurotact.networks.definition.specs import RSNNSpec, TrainingSpec
 from neurotact.networks.training import tasks
@@ -374,7 +374,17 @@ def test_the_rule_of_a_rival_is_chosen_on_recordings_that_it_was_not_fitted_to()
 
 def test_what_a_rival_was_not_trained_on_has_its_least_value():
     fitted = SimpleNamespace(classes_=np.array([0, 2]), predict_proba=lambda x: np.array([[0.9, 0.1]] * len(x)))
-    assert values_of(fitted, np.zeros((2, 1)), 3).tolist() == [[0.9, 0.1, 0.1]] * 2
+    assert np.allclose(np.exp(values_of(fitted, np.zeros((2, 1)), 3)), [[0.901, 0.101, 0.101]] * 2)
+
+
+def test_a_linear_machine_stands_for_that_of_votes():
+    linear = dict(opponents.joined("features", "quick"))
+    assert {*rivals.KINDS} <= {*linear}
+    x, y = np.array([[0.0], [0.1], [1.0], [1.1]]), np.array([0, 0, 1, 1])
+    fitted = best_of(rivals.LINEAR_SVM, Sides(x, x, x, y, y, y), 0)
+    told = values_of(fitted.fitted, x, 2)
+    assert (told.argmax(axis=1) == y).all()
+    assert fitted.layers == (Dense(1, 2),)
 
 
 @given(st.lists(st.sampled_from(["hit", "miss", "false alarm", "quiet"]), min_size=1, max_size=6))
