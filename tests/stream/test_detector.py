@@ -2,6 +2,7 @@
 
 import json
 import math
+import re
 
 import numpy as np
 import pandas as pd
@@ -239,6 +240,28 @@ def test_a_run_keeps_the_rule_and_what_it_was_chosen_on(run):
     assert row["chosen_with_false_alarms"] <= 200 * row["chosen_on_s"] / 3600
     assert restored.task.false_alarms_per_h == 200
     assert restored.classes == ("none", "contact", "slip")
+
+
+def test_results_in_words_tell_what_a_threshold_was_chosen_on_and_the_operating_curve(run):
+    recordings = of_noise(np.random.default_rng(2), 3)
+    rule = DetectorSpec(threshold=0.5, steps=1, heard_s=900.0, false_alarms=2)
+    trains = run_folder.load_spikes_of(run_folder.restore(run))
+    row, tables, lines = detector.judged(trains, recordings, rule)
+    low, high = detector.rates_of(2, 0.25)
+    assert (
+        f"chosen on 900 s without training, with 2 false alarms there (95 % interval {low:.3g} to {high:.3g}"
+        in lines[2]
+    )
+    curve, points = tables["operating_curve.csv"], re.findall(r"(\d+)% at ([\d.e+]+) \((\d+) ms\)", lines[3])
+    assert len(points) > 2
+    for share, rate, delay in points:
+        enough = curve[curve["hit_share"] >= int(share) / 100]
+        best = enough[enough["false_alarms_per_h"] == enough["false_alarms_per_h"].min()]
+        assert float(rate) == pytest.approx(best["false_alarms_per_h"].iloc[0], rel=0.01)
+        assert float(delay) == pytest.approx(best["delay_ms"].iloc[0], abs=0.51)
+    unknown = DetectorSpec(threshold=0.5, steps=1)
+    assert not [line for line in detector.judged(trains, recordings, unknown)[2] if line.startswith("threshold")]
+    assert row["chosen_with_false_alarms"] == 2
 
 
 def test_infer_lists_the_events_of_each_side_and_of_other_recordings(run):

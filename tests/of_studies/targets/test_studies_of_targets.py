@@ -132,6 +132,7 @@ def test_a_study_of_events_says_how_many_how_soon_how_often_wrong_and_at_what_co
     assert answer["rival"]["hits"] > 0
     listed = pd.read_csv(events.folder / "events.csv")
     assert (listed["outcome"] == "hit").sum() == row["hits"]
+    assert answer["network"]["chosen_on_s"] == 60.0  # ten recordings of 6 s were not tested
 
 
 def test_a_detector_costs_by_the_second_and_seeds_are_no_further_events(events):
