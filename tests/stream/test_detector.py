@@ -3,6 +3,7 @@
 import json
 import math
 import re
+from dataclasses import replace
 
 import numpy as np
 import pandas as pd
@@ -154,6 +155,8 @@ def test_where_false_alarms_are_rare_is_among_the_thresholds_and_rises_as_fewer_
     assert found <= fewer <= least[-1]
     assert detector.rare_from(least, counts, 0.0) == detector.rare_from(least, counts, 1.0)
     assert detector.rare_from([0.0, 1.0, 2.0, 3.0], [80, 40, 20, 10], 40.0) == pytest.approx(1.0)
+    assert detector.rare_from([0.0, 1.0, 2.0, 3.0], [8, 4, 1, 1], 2.0) == pytest.approx(2.0)
+    assert detector.rare_from([0.0, 1.0, 2.0, 3.0, 4.0, 5.0, 6.0], [2, 16, 8, 4, 2, 0, 0], 0.1) == pytest.approx(5.0)
 
 
 def test_parts_that_are_left_out_hold_each_training_recording_once_and_whole_groups(run):
@@ -175,6 +178,9 @@ def test_parts_that_are_left_out_hold_each_training_recording_once_and_whole_gro
     assert [len([*detector.turns(trains, split, task, [short[0]._replace(lasts_s=s)])]) for s in (53.9, 54.1)] == [3, 0]
     alone = split._replace(train=split.train[:1])
     assert [*detector.turns(trains, alone, task, short)] == []
+    assert trains.marks is not None
+    one = replace(trains, marks=trains.marks[trains.marks["trial"] == split.train[0]])
+    assert len([*detector.turns(one, split, task, short)]) == detector.TURNS - 1  # without it there is one label
 
 
 def test_a_threshold_is_chosen_on_recordings_that_its_networks_were_not_trained_on(run, monkeypatch):

@@ -378,9 +378,13 @@ def test_what_a_rival_was_not_trained_on_has_its_least_value():
     assert np.allclose(np.exp(values_of(fitted, np.zeros((2, 1)), 3)), [[0.901, 0.101, 0.101]] * 2)
 
 
-def test_a_linear_machine_stands_for_that_of_votes():
-    linear = dict(opponents.joined("features", "quick"))
-    assert {*rivals.KINDS} <= {*linear}
+def test_a_linear_machine_stands_for_that_of_votes(events, place, monkeypatch):
+    monkeypatch.setattr(rivals, "_row", lambda _one, name, rival, *_: {"classifier": name, "is": rival})
+    study, recordings = events.study.model_copy(update={"baselines": "quick"}), hdf5.load_recordings(place / "slips.h5")
+    (cell,) = engine.cells(study)
+    rows = [*rivals.rows_of(events.folder, recordings, study, cell, [cell], is_first=True)]
+    assert {row["classifier"] for row in rows} == {"logistic regression", "linear SVM", "ELM", "extra trees"}
+    assert [row["is"] for row in rows if row["classifier"] == "linear SVM"] == [rivals.LINEAR_SVM] * 4
     x, y = np.array([[0.0], [0.1], [1.0], [1.1]]), np.array([0, 0, 1, 1])
     fitted = best_of(rivals.LINEAR_SVM, Sides(x, x, x, y, y, y), 0)
     told = values_of(fitted.fitted, x, 2)
