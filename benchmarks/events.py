@@ -105,14 +105,15 @@ def rows(folder: Path, args: argparse.Namespace, seed: int) -> Iterator[dict[str
     sides, length = tasks.trials_of(trains, task), round(task.window.length_ms * 1e-3 * trains.sampling_rate_Hz)
     ours, hop = detector.heard, restored.network.steps_per_bin
     for who, make in (("logistic regression", logistic), ("summed rate", summed)):
-        fitted = partial(make, trains, task, length)
+        fitted: Any = partial(make, trains, task, length)  # in place of a training, and `told` of a network
 
         def heard(told: Any, trains: SpikeTrains, trials: Iterable[int], names: Sequence[str]) -> list[Heard]:
             found = ours(restored.network, trains, trials, names)
             return [one._replace(values=told(one.trial, hop)) for one in found]
 
         with patch.object(detector, "heard", heard):
-            rule = detector.choose(told := fitted(sides), trains, sides, task, fitted)
+            told = fitted(sides)
+            rule = detector.choose(told, trains, sides, task, fitted)
             row, _, _ = detector.judge(told, trains, sides.test.tolist(), rule)
         yield {"who": who, **row}
 
