@@ -3,8 +3,8 @@
     python benchmarks/events.py -o events/ [--recordings 20] [--duration-s 30] [--seeds 3] [--epochs 20]
 
 Recordings are those of `neurotact simulate gratings-slips`. All three hear the same spikes, have their thresholds from
-the same validation recordings for the same number of false alarms an hour, and are tested on the same recordings, by
-the same rule:
+the same recordings for the same number of false alarms an hour, and are tested on the same recordings, by the same
+rule:
 
 - the detector: `neurotact train --target events`, on its windows, run on through whole recordings;
 - logistic regression on the counts of each afferent in a sliding window, in 1 and in 5 bins, sized on validation;
@@ -13,7 +13,8 @@ the same rule:
 """
 
 import argparse
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterable, Iterator, Sequence
+from functools import partial
 from itertools import pairwise
 from pathlib import Path
 from typing import Any
@@ -28,13 +29,14 @@ from sklearn.preprocessing import StandardScaler
 
 import neurotact as nt
 from neurotact.data.spikes import SpikeTrains
+from neurotact.data.splits import Split
 from neurotact.networks.training import run_folder, tasks
 from neurotact.networks.training.tasks import Task
 
 ENCODER = {"conditioning.resample_Hz": 1000.0, "conditioning.baseline": "start", "sa1.gain": 8.0, "ra1.gain": 60.0}
 COLUMNS = [
     "seed", "who", "events_test", "hits", "hit_share", "false_alarms", "false_alarms_per_h", "delay_ms", "delay_ms_low",
-    "delay_ms_high", "tested_s", "detector_threshold", "detector_steps",
+    "delay_ms_high", "tested_s", "detector_threshold", "detector_steps", "chosen_on_s", "chosen_with_false_alarms",
 ]  # fmt: skip
 
 
@@ -48,10 +50,10 @@ def sliding(trains: SpikeTrains, trial: int, length: int, bins: int, hop: int) -
     return np.concatenate([total[b] - total[a] for a, b in pairwise(edges)], axis=1)
 
 
-def logistic(trains: SpikeTrains, task: Task, length: int) -> Callable[[int, int], np.ndarray]:
+def logistic(trains: SpikeTrains, task: Task, length: int, split: Split) -> Callable[[int, int], np.ndarray]:
     """The scores of logistic regression, the best on validation windows."""
     best: tuple[float, Any] = (-1.0, None)
-    sides = tasks.sides_of(trains, task)
+    sides = tasks.sides_of(trains, task, split)
     for bins in (1, 5):
         edges = np.linspace(0, length, bins + 1).round().astype(int)
         features = [
@@ -75,9 +77,9 @@ def logistic(trains: SpikeTrains, task: Task, length: int) -> Callable[[int, int
     return values
 
 
-def summed(trains: SpikeTrains, task: Task, length: int) -> Callable[[int, int], np.ndarray]:
+def summed(trains: SpikeTrains, task: Task, length: int, split: Split) -> Callable[[int, int], np.ndarray]:
     """Nearness of the summed count to its mean under each label in training."""
-    train = tasks.sides_of(trains, task).train
+    train = tasks.sides_of(trains, task, split).train
     counts, labels = train.spikes.sum(dim=(1, 2)).double().numpy(), train.labels.numpy()
     means = np.array([counts[labels == label].mean() for label in range(labels.max() + 1)])
 
@@ -103,14 +105,16 @@ def rows(folder: Path, args: argparse.Namespace, seed: int) -> Iterator[dict[str
     sides, length = tasks.trials_of(trains, task), round(task.window.length_ms * 1e-3 * trains.sampling_rate_Hz)
     ours, hop = detector.heard, restored.network.steps_per_bin
     for who, make in (("logistic regression", logistic), ("summed rate", summed)):
-        values = make(trains, task, length)
+        fitted: Any = partial(make, trains, task, length)  # in place of a training, and `told` of a network
 
-        def heard(*given: Any, values: Any = values) -> list[Heard]:
-            return [one._replace(values=values(one.trial, hop)) for one in ours(*given)]
+        def heard(told: Any, trains: SpikeTrains, trials: Iterable[int], names: Sequence[str]) -> list[Heard]:
+            found = ours(restored.network, trains, trials, names)
+            return [one._replace(values=told(one.trial, hop)) for one in found]
 
         with patch.object(detector, "heard", heard):
-            rule = detector.choose(restored.network, trains, sides.validation.tolist(), task)
-            row, _, _ = detector.judge(restored.network, trains, sides.test.tolist(), rule)
+            told = fitted(sides)
+            rule = detector.choose(told, trains, sides, task, fitted)
+            row, _, _ = detector.judge(told, trains, sides.test.tolist(), rule)
         yield {"who": who, **row}
 
 

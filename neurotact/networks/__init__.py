@@ -37,8 +37,8 @@ Other rooms take:
         save_network, shapes_of, test_trials, trained_spikes_of
     training.sparsity: prune, pruned_stay_pruned
     training.tasks: Sides, Task, check_refuse, examples_of, held_out, kind_of_copies, labels_of, load_spikes,
-        names_of, of_file, path_of, seen, seen_trials, sides_of, split_of, task_of, trials_of, with_every_condition,
-        with_suited_window
+        names_of, of_file, path_of, seen, seen_trials, sides_of, task_of, to_calibrate, trials_of,
+        with_every_condition, with_suited_window
     training.trainer: Trained, exit_of, finished, fit, new_trained, refusing
     use.classifier: SpikingClassifier
     use.exporters: Exporter, export, exporter, usable

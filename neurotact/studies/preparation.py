@@ -15,11 +15,9 @@ from neurotact.baselines.opponents import RIGHT
 from neurotact.data import hdf5
 from neurotact.data.augmentation import check_taxels
 from neurotact.data.conditioning import conditioned_length
-from neurotact.data.copies import copies_of
 from neurotact.data.dataset import DatasetSpec, expand, load_recordings, until
-from neurotact.data.recordings import Recordings, select_conditions
+from neurotact.data.recordings import Recordings
 from neurotact.data.spikes import SpikeTrains
-from neurotact.data.splits import training_touches
 from neurotact.data.windows import check_fit, steps_of
 from neurotact.encoders.calibration import calibration_for
 from neurotact.encoders.encoding import encode_recordings
@@ -28,7 +26,7 @@ from neurotact.encoders.model import EncoderSpec
 from neurotact.encoders.specs import CLOCK_HZ, with_t_refs
 from neurotact.errors import InputError
 from neurotact.files import write_json
-from neurotact.networks.training.tasks import split_of
+from neurotact.networks.training.tasks import to_calibrate
 from neurotact.progress import at, counting
 from neurotact.spec import digest
 from neurotact.studies import encoding_tables, measures, store, tables_beside
@@ -218,14 +216,7 @@ def encoder_of(
     def fitted(start: EncoderSpec, spikes_per_s: float | None) -> EncoderSpec:
         key = digest([start.model_dump(mode="json"), cell.split.model_dump(), known, spikes_per_s])
         if key not in calibrated:
-            if task.target:
-                train = copies_of(recordings).distinct(split_of(recordings, task).train)
-            else:
-                train = training_touches(recordings, cell.source["stratify"], cell.split)
-            train = np.intersect1d(train, np.flatnonzero(select_conditions(recordings.conditions, known)))
-            training = recordings.select(train)
-            if task.target:  # gains are chosen by how well they separate classes
-                training = plugins.load_function("tools", "classes_of_target")(training, task)
+            training = to_calibrate(recordings, task, known)
             if cell.split.folds:  # each fold has its own encoder, and its notes name the fold
                 training = replace(training, source=f"{recordings.source}, fold {cell.split.fold}")
             fit, times = calibration_for(

@@ -1,5 +1,6 @@
 """The page of a study with a target, its figures, and its answer for programs."""
 
+import math
 from collections.abc import Iterator, Sequence
 from pathlib import Path
 from typing import Any
@@ -141,7 +142,7 @@ def _answer(setting: str, one: Compared, means: pd.DataFrame, view: View) -> Any
 
 
 def _alarms(compared: dict[str, Compared], study: StudySpec) -> Iterator[str]:
-    """That a detector has clearly more false alarms than were allowed on validation recordings."""
+    """That a detector has clearly more false alarms than were allowed, or that too little was heard to show so few."""
     allowed = parameters_of(study.parameters).false_alarms_per_h
     allowed = detector.FALSE_ALARMS_PER_H if allowed is None else allowed
     for one in compared.values():
@@ -149,8 +150,15 @@ def _alarms(compared: dict[str, Compared], study: StudySpec) -> Iterator[str]:
         if found.get("false_alarms_per_h_low", 0.0) > allowed:
             yield (
                 f"the chosen detector has {found['false_alarms_per_h']:.3g} false alarms an hour, clearly more than "
-                f"the {allowed:g} that were allowed on validation recordings: these are too short to show so few; "
-                "record longer, or allow more (`false_alarms_per_h`)"
+                f"the {allowed:g} that were allowed where its thresholds were chosen; record longer, or allow more "
+                "(`false_alarms_per_h`)"
+            )
+        heard_s = found.get("chosen_on_s", math.inf)
+        if heard_s / 3600 * allowed < detector.SHOWS:
+            yield (
+                f"the {heard_s:.0f} s on which each threshold was chosen cannot show that false alarms are as rare as "
+                f"{allowed:g} an hour: without one in them, up to {detector.rates_of(0, heard_s / 3600)[1]:.3g} are "
+                "within the 95 % interval; record longer, or allow more (`false_alarms_per_h`)"
             )
 
 

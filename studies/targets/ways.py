@@ -164,7 +164,7 @@ def _over(rows: pd.DataFrame, starts: float, delays: Tally | None = None) -> dic
     low, high = math.nan, math.nan
     if delays is not None and len(delays.delays_ms):
         low, high = numbers.interval(delays.delays_ms, delays.trials)
-    return {**found, "delay_ms_low": low, "delay_ms_high": high}
+    return {**found, "delay_ms_low": low, "delay_ms_high": high, "chosen_on_s": float(rows["chosen_on_s"].mean())}
 
 
 def rivals_of(tables: Mapping[str, pd.DataFrame], study: StudySpec, target: Sequence[str]) -> Iterator[Way]:

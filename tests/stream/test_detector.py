@@ -2,7 +2,8 @@
 
 import json
 import math
-from types import SimpleNamespace
+import re
+from dataclasses import replace
 
 import numpy as np
 import pandas as pd
@@ -21,7 +22,7 @@ from neurotact_parts.studies.texture import slips
 import neurotact as nt
 from neurotact.errors import InputError
 from neurotact.files import read_json
-from neurotact.networks.training import run_folder
+from neurotact.networks.training import run_folder, trainer
 from neurotact.networks.training.events import DetectorSpec
 from neurotact.networks.training.tasks import Task
 
@@ -83,41 +84,131 @@ def test_marks_and_detections_are_told_apart():
     assert (found.per_h, found.share, found.delay_ms) == pytest.approx((1 / (1.2 / 3600), 2 / 3, 50))
 
 
-def test_the_rule_for_so_many_false_alarms_has_most_hits_and_the_least_delay(run, monkeypatch):
-    rng = np.random.default_rng(0)
-    values = rng.standard_normal((2, 400, 3))
-    for k in range(10):
-        values[:, 20 + 38 * k : 40 + 38 * k, 2] += np.linspace(0, 5, 20)
-    marked = [(2, 2.0 + 3.8 * k, 4.0 + 3.8 * k) for k in range(10)]
-    recordings = [Heard(i, part, 0.1, 40.0, marked) for i, part in enumerate(values)]
-    monkeypatch.setattr(detector, "heard", lambda *_: recordings)
-    network, trains = SimpleNamespace(steps_per_bin=1), SimpleNamespace(sampling_rate_Hz=1000.0)
+WINDOW = nt.Window(length_ms=3200)
+STEPS = 1, 2, 4, 8, 16
 
-    def choose(most):
-        task = Task(target=("events",), false_alarms_per_h=most, window=nt.Window(length_ms=3200))
-        return detector.choose(network, trains, [0, 1], task)  # pyright: ignore[reportArgumentType]
 
-    monkeypatch.setattr(detector, "names_of", lambda _: ("none", "contact", "slip"))
-    missed = []
+def of_noise(rng, n, seconds=40):
+    """Recordings of noise, in which a slip of 2 s begins every 3.8 s, steps of 100 ms."""
+    values = rng.standard_normal((n, 10 * seconds, 3))
+    starts = range(20, 10 * seconds - 20, 38)
+    for start in starts:
+        values[:, start : start + 20, 2] += np.linspace(0, 5, 20)
+    marked = [(2, start / 10, start / 10 + 2) for start in starts]
+    return [Heard(i, part, 0.1, float(seconds), marked) for i, part in enumerate(values)]
+
+
+def ruled(recordings, most):
+    return detector.rule_for(recordings, Task(target=("events",), false_alarms_per_h=most, window=WINDOW))
+
+
+def tried(recordings):
+    """Every rule, what it comes to, and whether the line through counts allows one false alarm, or so many more."""
+    least, hours = detector.thresholds(recordings), sum(one.lasts_s for one in recordings) / 3600
+    for steps in STEPS:
+        rules = [DetectorSpec(threshold=one, steps=steps) for one in least]
+        found = [detector.tally(recordings, rule) for rule in rules]
+        for rule, one in zip(rules, found, strict=True):
+            counts = [each.false_alarms for each in found]
+            yield (
+                one,
+                lambda most, rule=rule, counts=counts: (
+                    rule.threshold >= detector.rare_from(least, counts, most * hours)
+                ),
+            )
+
+
+def test_the_rule_for_so_many_false_alarms_has_most_hits_and_the_least_delay():
+    recordings, missed = of_noise(np.random.default_rng(0), 2), []
     for most in (0.0, 100.0, 2000.0):
-        rule = choose(most)
+        rule = ruled(recordings, most)
         found = detector.tally(recordings, rule)
         assert found.per_h <= most
+        assert (rule.heard_s, rule.false_alarms) == (80.0, found.false_alarms)
         missed.append(found.missed)
-        for least in detector.thresholds(recordings):
-            for steps in (1, 2, 4, 8, 16):
-                other = detector.tally(recordings, DetectorSpec(threshold=least, steps=steps))
-                if other.per_h <= most:
-                    better = (other.missed, other.delays_ms.sum()), (found.missed, found.delays_ms.sum())
-                    assert better[0] >= better[1]
+        for other, is_rare in tried(recordings):
+            if other.per_h <= most and is_rare(most):
+                assert (other.missed, other.delays_ms.sum()) >= (found.missed, found.delays_ms.sum())
     assert missed == sorted(missed, reverse=True)
-    values[:] = np.tile(np.eye(3)[[1, 0]], (2, 200, 1))  # false alarms all along
-    fewest = min(
-        detector.tally(recordings, DetectorSpec(threshold=least, steps=steps)).per_h
-        for least in detector.thresholds(recordings) for steps in (1, 2, 4, 8, 16)
-    )  # fmt: skip
-    rule = choose(0.0)
-    assert detector.tally(recordings, rule).per_h == fewest
+    wrong = [one._replace(values=np.tile(np.eye(3)[[1, 0]], (200, 1))) for one in recordings]  # false alarms all along
+    assert detector.tally(wrong, ruled(wrong, 0.0)).per_h == min(other.per_h for other, _ in tried(wrong))
+
+
+def test_many_recordings_have_as_many_false_alarms_as_were_allowed_on_few():
+    rng, most, rates, lucky = np.random.default_rng(1), 30.0, [], []
+    other = of_noise(rng, 12)
+    for _ in range(12):
+        few = of_noise(rng, 3)
+        rates.append(detector.tally(other, ruled(few, most)).per_h)
+        allowed = [(one.missed, one.delays_ms.sum(), i) for i, (one, _) in enumerate(tried(few)) if one.per_h <= most]
+        steps, least = divmod(min(allowed)[-1], len(detector.thresholds(few)))
+        rule = DetectorSpec(threshold=detector.thresholds(few)[least], steps=STEPS[steps])
+        lucky.append(detector.tally(other, rule).per_h)
+    assert np.mean(rates) < 1.25 * most
+    assert np.mean(lucky) > 1.25 * np.mean(rates)
+
+
+@given(st.lists(st.integers(0, 400), min_size=2, max_size=12), st.floats(0, 30))
+def test_where_false_alarms_are_rare_is_among_the_thresholds_and_rises_as_fewer_are_allowed(counts, most):
+    least = [*np.linspace(0, 2, len(counts))]
+    found, fewer = (detector.rare_from(least, counts, each) for each in (most, most / 2))
+    assert found <= fewer <= least[-1]
+    assert detector.rare_from(least, counts, 0.0) == detector.rare_from(least, counts, 1.0)
+    assert detector.rare_from([0.0, 1.0, 2.0, 3.0], [80, 40, 20, 10], 40.0) == pytest.approx(1.0)
+    assert detector.rare_from([0.0, 1.0, 2.0, 3.0], [8, 4, 1, 1], 2.0) == pytest.approx(2.0)
+    assert detector.rare_from([0.0, 1.0, 2.0, 3.0, 4.0, 5.0, 6.0], [2, 16, 8, 4, 2, 0, 0], 0.1) == pytest.approx(5.0)
+
+
+def test_parts_that_are_left_out_hold_each_training_recording_once_and_whole_groups(run):
+    restored = run_folder.restore(run)
+    trains, task = run_folder.load_spikes_of(restored), restored.task
+    split = run_folder.trials_of(trains, task)
+    short = [Heard(0, np.zeros((1, 3)), 0.1, 1.0, [])]
+    grouped = task.model_copy(update={"split": task.split.model_copy(update={"group": ("recording",)})})
+    for each in (task, grouped):
+        parts = [*detector.turns(trains, split, each, short)]
+        assert len(parts) == detector.TURNS
+        assert sorted(np.concatenate([part.validation for part in parts])) == split.train.tolist()
+        for part in parts:
+            assert sorted([*part.train, *part.validation]) == split.train.tolist()
+            assert part.test.tolist() == split.test.tolist()
+            sides = [{*trains.conditions["recording"].iloc[side]} for side in part[:2]]
+            assert bool(sides[0] & sides[1]) == (each is task)
+    # with 200 allowed an hour, 54 s hold three
+    assert [len([*detector.turns(trains, split, task, [short[0]._replace(lasts_s=s)])]) for s in (53.9, 54.1)] == [3, 0]
+    alone = split._replace(train=split.train[:1])
+    assert [*detector.turns(trains, alone, task, short)] == []
+    assert trains.marks is not None
+    one = replace(trains, marks=trains.marks[trains.marks["trial"] == split.train[0]])
+    assert len([*detector.turns(one, split, task, short)]) == detector.TURNS - 1  # without it there is one label
+
+
+def test_a_threshold_is_chosen_on_recordings_that_its_networks_were_not_trained_on(run, monkeypatch):
+    restored = run_folder.restore(run)
+    trains, task, spec = run_folder.load_spikes_of(restored), restored.task, restored.network.spec
+    split, listened, trained = run_folder.trials_of(trains, task), [], []
+    ours, sides_of = detector.heard, trainer.sides_of
+
+    def heard(network, *given):
+        listened.append((network, [*given[1]]))
+        return ours(network, *given)
+
+    def sides(trains, task, turn=None):
+        trained.append(turn)
+        return sides_of(trains, task, turn)
+
+    monkeypatch.setattr(detector, "heard", heard)
+    monkeypatch.setattr(trainer, "sides_of", sides)
+    short = spec.model_copy(update={"training": spec.training.model_copy(update={"epochs": 1})})
+    fitted, _ = trainer.fit(trains, short, task, (0, 1))
+    assert listened[0] == (fitted.network, split.validation.tolist())
+    assert len({id(network) for network, _ in listened}) == 1 + detector.TURNS
+    for turn, (_, trials) in zip(trained[1:], listened[1:], strict=True):
+        assert turn.validation.tolist() == trials
+        assert not {*turn.train} & {*trials, *split.validation, *split.test}
+    assert fitted.detector is not None
+    every = np.concatenate([split.train, split.validation])
+    assert fitted.detector.heard_s == pytest.approx(trains.trial_steps[every].sum() / trains.sampling_rate_Hz)
 
 
 def test_the_results_are_those_of_the_events_that_are_listed(run):
@@ -145,14 +236,38 @@ def test_the_results_are_those_of_the_events_that_are_listed(run):
     assert {*curve["steps"]} == {row["detector_steps"]}
 
 
-def test_the_threshold_is_that_of_validation(run):
-    restored = run_folder.restore(run)
-    trains = run_folder.load_spikes_of(restored)
-    split = run_folder.trials_of(trains, restored.task)
-    chosen = detector.choose(restored.network, trains, split.validation, restored.task)
-    assert restored.detector == chosen
+def test_a_run_keeps_the_rule_and_what_it_was_chosen_on(run):
+    restored, row = run_folder.restore(run), nt.result(run)
+    assert restored.detector is not None
+    assert (row["detector_threshold"], row["detector_steps"]) == (restored.detector.threshold, restored.detector.steps)
+    assert (row["chosen_on_s"], row["chosen_with_false_alarms"]) == (
+        restored.detector.heard_s, restored.detector.false_alarms
+    )  # fmt: skip
+    assert row["chosen_with_false_alarms"] <= 200 * row["chosen_on_s"] / 3600
     assert restored.task.false_alarms_per_h == 200
     assert restored.classes == ("none", "contact", "slip")
+
+
+def test_results_in_words_tell_what_a_threshold_was_chosen_on_and_the_operating_curve(run):
+    recordings = of_noise(np.random.default_rng(2), 3)
+    rule = DetectorSpec(threshold=0.5, steps=1, heard_s=900.0, false_alarms=2)
+    trains = run_folder.load_spikes_of(run_folder.restore(run))
+    row, tables, lines = detector.judged(trains, recordings, rule)
+    low, high = detector.rates_of(2, 0.25)
+    assert (
+        f"chosen on 900 s without training, with 2 false alarms there (95 % interval {low:.3g} to {high:.3g}"
+        in lines[2]
+    )
+    curve, points = tables["operating_curve.csv"], re.findall(r"(\d+)% at ([\d.e+]+) \((\d+) ms\)", lines[3])
+    assert len(points) > 2
+    for share, rate, delay in points:
+        enough = curve[curve["hit_share"] >= int(share) / 100]
+        best = enough[enough["false_alarms_per_h"] == enough["false_alarms_per_h"].min()]
+        assert float(rate) == pytest.approx(best["false_alarms_per_h"].iloc[0], rel=0.01)
+        assert float(delay) == pytest.approx(best["delay_ms"].iloc[0], abs=0.51)
+    unknown = DetectorSpec(threshold=0.5, steps=1)
+    assert not [line for line in detector.judged(trains, recordings, unknown)[2] if line.startswith("threshold")]
+    assert row["chosen_with_false_alarms"] == 2
 
 
 def test_infer_lists_the_events_of_each_side_and_of_other_recordings(run):

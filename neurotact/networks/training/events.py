@@ -25,10 +25,15 @@ def tool(name: str) -> Any:
 
 
 class DetectorSpec(Spec):
-    """When an event begins: a label leads the others by more than `threshold` in `steps` steps of the network."""
+    """When an event begins: a label leads the others by more than `threshold` in `steps` steps of the network.
+
+    heard_s, false_alarms: the recordings without training on which this was chosen, and what it had there; if known.
+    """
 
     threshold: float = Field(ge=0)
     steps: int = Field(ge=1)
+    heard_s: float = Field(default=0.0, exclude_if=lambda heard_s: not heard_s)
+    false_alarms: int = Field(default=0, exclude_if=lambda n: not n)
 
 
 def names_of(trains: SpikeTrains) -> tuple[str, ...]:

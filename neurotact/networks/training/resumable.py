@@ -22,7 +22,7 @@ from neurotact.errors import InputError
 from neurotact.interrupt import stop_if_asked, terminated_as_interrupted
 from neurotact.networks.definition import recipe, seeds
 from neurotact.networks.definition.specs import RSNNSpec, void_keys
-from neurotact.networks.training import epoch_checkpoint, events, numbers, run_folder, tasks, trainer
+from neurotact.networks.training import epoch_checkpoint, run_folder, tasks, trainer
 from neurotact.networks.training.epochs import Checkpoint, Epoch
 from neurotact.networks.training.model_selection import Choice
 from neurotact.networks.training.outcome import Chosen, Outcome, outcome_of
@@ -102,9 +102,8 @@ def run(
         check_stratify(trains.conditions, task.stratify, task.split)
         seen = tasks.seen(trains, task)
         tasks.warn_of_onsets(trains, task.window)
-        if task.detects:
-            network = events.tool("detector_network")(network, task.window)
-        chosen = recipe.resolve(numbers.spec_for(network, task.numbers), seen)
+        network = tasks.network_for(network, task)
+        chosen = recipe.resolve(network, seen)
         effects.check_keys(given, [void_keys(chosen)], "network")
         request = _Asked(
             spikes=os.path.relpath(spikes, folder),

@@ -11,10 +11,10 @@ import pandas as pd
 import torch
 from pydantic import Field
 
-from neurotact.data import hdf5
+from neurotact.data import hdf5, splits
 from neurotact.data.augmentation import NONE
 from neurotact.data.copies import copies_of
-from neurotact.data.recordings import LABEL, Trials, select_conditions
+from neurotact.data.recordings import LABEL, Recordings, Trials, select_conditions
 from neurotact.data.spikes import SpikeTrains, empty_raster
 from neurotact.data.splits import Split, Splits, SplitSpec, hold_out, split_conditions, split_touches, turns_of
 from neurotact.data.trial_choice import LeaveOut, TrialChoice, Where, chosen_trials, values_in_words
@@ -334,6 +334,23 @@ def split_of(touches: Trials | SpikeTrains, task: Task) -> Split:
         numbers.check(table, task.numbers, np.arange(len(table)))
         groups = numbers.groups_of(table, task.numbers) if is_random else 0
     return split_conditions(table.assign(**{LABEL: groups}), task.stratify, chosen, copies_of(touches).first)
+
+
+def network_for(network: RSNNSpec, task: Task) -> RSNNSpec:
+    """The network for what a task learns: for events one that forgets, for numbers one with a loss of numbers."""
+    spec = events.tool("detector_network")(network, task.window) if task.detects else network
+    return numbers.spec_for(spec, task.numbers)
+
+
+def to_calibrate(recordings: Recordings, task: Task, known: Where) -> Recordings:
+    """The distinct training recordings with known conditions, as gains are fitted to them: a target as classes."""
+    if task.target:
+        train = copies_of(recordings).distinct(split_of(recordings, task).train)
+    else:
+        train = splits.training_touches(recordings, task.stratify, task.split)
+    train = np.intersect1d(train, np.flatnonzero(select_conditions(recordings.conditions, known)))
+    training = recordings.select(train)
+    return events.tool("classes_of_target")(training, task) if task.target else training
 
 
 def _kept(trains: SpikeTrains, train: np.ndarray, task: Task) -> np.ndarray:

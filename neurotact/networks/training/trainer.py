@@ -85,8 +85,14 @@ def fit(
     network, training = new_trained(trains, spec, seeds, sides.train, sides.validation, task=task, **how)
     done = finished(network.cpu(), training, sides, task)
     if task.detects:
-        held = trials_of(trains, task, split).validation
-        done = done._replace(detector=tool("choose_detector")(network, trains, held, task))
+
+        def again(turn: Split) -> Network:
+            own = sides_of(trains, task, turn)
+            its = {"task": task, "device": device, "backend": backend}
+            return new_trained(trains, spec, seeds, own.train, own.validation, **its)[0].cpu()
+
+        split = trials_of(trains, task, split)
+        done = done._replace(detector=tool("choose_detector")(network, trains, split, task, again))
     return done, sides
 
 

@@ -18,17 +18,19 @@ from neurotact_parts.streams.long_recordings import parts_of_recordings
 from neurotact_parts.studies.targets import engine, report, rivals, trials, words
 from neurotact_parts.studies.targets.rivals import EVERY_MS, Sliding, values_of
 from neurotact_parts.studies.targets.ways import Compared, Way, networks_of
+from sklearn.base import BaseEstimator, ClassifierMixin
 
 import neurotact as nt
 from neurotact import spec as specs
 from neurotact.baselines import opponents
+from neurotact.baselines.opponent import Opponent, Sides, best_of
 from neurotact.baselines.opponents import Cuts, Input
 from neurotact.data import hdf5
 from neurotact.data.recordings import Recordings
 from neurotact.data.splits import SplitSpec
 from neurotact.data.windows import Windows, WindowSpec
 from neurotact.errors import InputError
-from neurotact.metrics.flops import Cost
+from neurotact.metrics.flops import Cost, Dense
 from neurotact.metrics.prices import MEMORY_45NM
 from neurotact.networks.definition.specs import RSNNSpec, TrainingSpec
 from neurotact.networks.training import tasks
@@ -131,6 +133,7 @@ def test_a_study_of_events_says_how_many_how_soon_how_often_wrong_and_at_what_co
     assert answer["rival"]["hits"] > 0
     listed = pd.read_csv(events.folder / "events.csv")
     assert (listed["outcome"] == "hit").sum() == row["hits"]
+    assert answer["network"]["chosen_on_s"] == 60.0  # ten recordings of 6 s were not tested
 
 
 def test_a_detector_costs_by_the_second_and_seeds_are_no_further_events(events):
@@ -354,9 +357,56 @@ def test_the_rule_of_a_rival_knows_no_test_recording():
     assert rows[0]["nJ_per_s"] > 0
 
 
+def test_the_rule_of_a_rival_is_chosen_on_recordings_that_it_was_not_fitted_to():
+    """A rival that knows by heart the windows that it was fitted to, and nothing else."""
+    touches = slips(n=10)
+    task = Task(target=["events"], window=WindowSpec(length_ms=300, hop_ms=75), false_alarms_per_h=100)
+    trains = nt.encode(touches, settings={"sa1.gain": 8.0, "ra1.gain": 60.0, "conditioning.baseline": "start"})
+    sliding = Sliding.of(trains, task)
+    trial, fitted = sliding.cuts.windows.trial, []
+
+    class ByHeart(ClassifierMixin, BaseEstimator):
+        def fit(self, x, y):
+            self.classes_, self.known_ = np.arange(3), {*x[:, 0].round(6)}
+            fitted.append({*trial[np.isin(place.round(6), [*self.known_])]})
+            return self
+
+        def predict_proba(self, x):
+            return np.stack([[0.0, 0, 0]] * len(x)) + np.isin(x[:, :1].round(6), [*self.known_]) * np.array([[0, 1, 0]])
+
+        def predict(self, x):
+            return self.predict_proba(x).argmax(axis=1)
+
+    features = np.arange(len(trial), dtype=float)[:, None]
+    train = sliding.cuts.sides[0]
+    place = (features[:, 0] - features[train].mean()) / features[train].std()
+    made = Input("spikes", "made", (5.0, 5.0), features, Cost(), {})
+    row = rivals._row(made, "rival", Opponent("By heart.", ByHeart), sliding, MEMORY_45NM)
+    assert fitted[0] == {*sliding.parts.train}
+    assert all(one < fitted[0] for one in fitted[1:])
+    assert sorted(np.concatenate([[*(fitted[0] - one)] for one in fitted[1:]])) == sliding.parts.train.tolist()
+    held = len(sliding.parts.train) + len(sliding.parts.validation)
+    assert row["chosen_on_s"] == pytest.approx(6.0 * held)
+    assert row["chosen_with_false_alarms"] == 0  # what it says of windows by heart is nowhere in them
+
+
 def test_what_a_rival_was_not_trained_on_has_its_least_value():
     fitted = SimpleNamespace(classes_=np.array([0, 2]), predict_proba=lambda x: np.array([[0.9, 0.1]] * len(x)))
-    assert values_of(fitted, np.zeros((2, 1)), 3).tolist() == [[0.9, 0.1, 0.1]] * 2
+    assert np.allclose(np.exp(values_of(fitted, np.zeros((2, 1)), 3)), [[0.901, 0.101, 0.101]] * 2)
+
+
+def test_a_linear_machine_stands_for_that_of_votes(events, place, monkeypatch):
+    monkeypatch.setattr(rivals, "_row", lambda _one, name, rival, *_: {"classifier": name, "is": rival})
+    study, recordings = events.study.model_copy(update={"baselines": "quick"}), hdf5.load_recordings(place / "slips.h5")
+    (cell,) = engine.cells(study)
+    rows = [*rivals.rows_of(events.folder, recordings, study, cell, [cell], is_first=True)]
+    assert {row["classifier"] for row in rows} == {"logistic regression", "linear SVM", "ELM", "extra trees"}
+    assert [row["is"] for row in rows if row["classifier"] == "linear SVM"] == [rivals.LINEAR_SVM] * 4
+    x, y = np.array([[0.0], [0.1], [1.0], [1.1]]), np.array([0, 0, 1, 1])
+    fitted = best_of(rivals.LINEAR_SVM, Sides(x, x, x, y, y, y), 0)
+    told = values_of(fitted.fitted, x, 2)
+    assert (told.argmax(axis=1) == y).all()
+    assert fitted.layers == (Dense(1, 2),)
 
 
 @given(st.lists(st.sampled_from(["hit", "miss", "false alarm", "quiet"]), min_size=1, max_size=6))
@@ -442,6 +492,13 @@ def test_a_detector_with_more_false_alarms_than_were_allowed_is_told_of(allowed)
     assert [line.startswith("the chosen detector has 30 false alarms an hour") for line in told] == [True] * (
         allowed < 12
     )
+    for heard_s, cannot in ((3599 * 3 / allowed, True), (3601 * 3 / allowed, False)):
+        heard = Compared.of([NETWORK._replace(found={"false_alarms_per_h": 0.0, "chosen_on_s": heard_s})], [])
+        told = [*report._alarms({"all": heard}, of)]
+        most = 3.689 * 3600 / heard_s
+        assert [f"as {allowed:g} an hour: without one in them, up to {most:.3g} are" in line for line in told] == [
+            True
+        ] * cannot
 
 
 def test_nothing_is_learned_where_the_mean_does_as_well():
