@@ -369,7 +369,7 @@ def test_a_detector_is_refused_where_windows_are_decided(run, tmp_path):
     for streamed in (S(hop_ms=20), S(contact=True), S(length_ms=50), S(full_window=True), S(start_ms=1)):
         with pytest.raises(InputError, match="runs on without windows"):
             chain_of(run, streamed)
-    with pytest.raises(InputError, match=r"readout that leaks: C in integers .* export it in float32"):
+    with pytest.raises(InputError, match=r"events in time: C in integers .* export it in float32"):
         nt.export(run, tmp_path / "c", "c")
     with pytest.raises(InputError, match=r"detects events, and .* needs classes"):
         run_folder.restore(run).of_classes("the bill in C")
