@@ -139,17 +139,18 @@ def table(outcome: OfNetworks, period: str = "t_ref", sample_ms: float = 0.0) ->
     sample = f" A sample lasts {milliseconds(sample_ms)}." if any(_is_short(row, sample_ms) for row in every) else ""
     caption = (
         f"Means over {outcome.trials.test} test trials{over}; energy is an estimate. Choices: {choice}, both on whole "
-        f"windows. Of each refractory period, or pair, the best network is shown.{sample}"
+        f"windows.{sample}"
     )
-    return Table(caption, [f"{period}, neurons", *HEADS[1:]], rows, n_heads=1)
+    return Table(caption, [f"{period}, neurons", *HEADS[1:]], rows, 1, _named(outcome, every))
 
 
-def few(outcome: OfNetworks, whole: Table) -> Table:
-    """Of `table`, the rows that the verdict rests on: the chosen network, the best one, both rivals, and guessing."""
-    networks = outcome.best, outcome.leader, outcome.cheapest
-    kept = [row.network in networks and row.decision == row.network.used for row in _network_rows(outcome)]
-    kept += [one in (outcome.comparable, outcome.beside) for one in _baselines_shown(outcome)]
-    return whole._replace(rows=[row for row, is_kept in zip(whole.rows, [*kept, True], strict=True) if is_kept])
+def _named(outcome: OfNetworks, every: Sequence[_Row]) -> list[int]:
+    """The rows that the verdict rests on: the chosen network, both rivals, guessing, and the best network."""
+    baselines = _baselines_shown(outcome)
+    used = [row.network if row.decision == row.network.used else None for row in every]
+    rows = [*used, *baselines, "guessing"]
+    asked = outcome.best, outcome.beside, outcome.comparable, "guessing", outcome.leader, outcome.cheapest
+    return [rows.index(one) for one in asked if one is not None and one in rows]
 
 
 def _network_rows(outcome: OfNetworks) -> Iterator[_Row]:
@@ -250,4 +251,6 @@ def table_of_configurations(outcome: WayAnswer) -> Table:
     setting = f", {outcome.setting}" if outcome.setting else ""
     chosen = ", chosen on validation rows" if outcome.is_validated else ""
     caption = f"The best of each kind{setting}{chosen}: {what}."
-    return Table(caption, ["configuration", measure.score, measure.cost, *spent], rows, n_heads=1)
+    first = outcome.shown.index, outcome.cheapest.index
+    order = sorted(range(len(rows)), key=lambda row: row < len(shown) and shown[row].index not in first)
+    return Table(caption, ["configuration", measure.score, measure.cost, *spent], rows, 1, order)

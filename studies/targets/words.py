@@ -133,7 +133,7 @@ def _table(compared: Compared, told: "_Numbers | _Events") -> Table:
     ]
     heads = ["decided by", *told.heads, "score (95 % interval)", f"energy estimate {told.each}"]
     n = len(compared.chosen.tested)
-    return Table(f"Networks and rivals on {n} test trials; {told.meaning}.", heads, rows, n_heads=1)
+    return Table(f"Networks and rivals on {n} test trials; {told.meaning}.", heads, rows, 1, [*range(len(rows))])
 
 
 def _chance(compared: Compared) -> str:

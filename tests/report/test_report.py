@@ -685,7 +685,7 @@ def test_in_a_browser_the_address_holds_what_is_chosen(chromium, written):
         "[...document.querySelectorAll('.answer')].filter((part) => !part.hidden).map((part) => part.dataset.setting)"
     )
     assert set(chromium.evaluate(shown)) == {"v1 mix"}
-    assert "A: 1&5 ms, N = 20" in chromium.evaluate("document.getElementById('compared').textContent")
+    assert "A: 1&5 ms, 20 neurons" in chromium.evaluate("document.getElementById('compared').textContent")
     assert_quiet(chromium, written)
 
 
