@@ -73,26 +73,28 @@ function inkOf(host) {
   return found;
 }
 
-/* Names of level lines where nothing else is drawn: above or below the line, as far left as there is room. */
+/* Names of level lines where nothing else is drawn: above or below the line, in few rows, as far left as there is room. */
 function namesOf(host, lines) {
-  const { xaxis, yaxis } = host._fullLayout, ink = inkOf(host), pen = document.createElement("canvas").getContext("2d");
-  pen.font = `11px ${host._fullLayout.font.family}`;
+  const { xaxis, yaxis, font } = host._fullLayout, ink = inkOf(host), pen = document.createElement("canvas").getContext("2d");
+  pen.font = `11px ${font.family}`;
   return lines.map((line) => {
-    const rows = wrapped(line.words, 40).split("<br>"), high = 14 * rows.length + 2;
-    const wide = Math.max(...rows.map((row) => pen.measureText(row).width)) + 4, at = yaxis.d2p(line.y);
+    const at = yaxis.d2p(line.y);
     let best = { hidden: Infinity };
-    for (let left = 4; left + wide <= xaxis._length || left === 4; left += 6) {
-      for (const isAbove of [true, false]) {
-        const top = isAbove ? at - high : at;
-        const over = ink.filter(([x, y, r]) => x > left - r && x < left + wide + r && y > top - r && y < top + high + r).length;
-        const hidden = over + (top < 0 || top + high > yaxis._length ? 1e6 : 0);
-        if (hidden < best.hidden) best = { hidden, left, top, isAbove };
+    for (const most of [60, 32, 22]) {
+      const rows = wrapped(line.words, most).split("<br>"), high = 14 * rows.length + 2;
+      const wide = Math.max(...rows.map((row) => pen.measureText(row).width)) + 4;
+      for (let left = 4; left + wide <= xaxis._length || left === 4; left += 6) {
+        for (const top of [at - high, at]) {
+          const isOut = top < 0 || top + high > yaxis._length || left + wide > xaxis._length;
+          const over = ink.filter(([x, y, r]) => x > left - r && x < left + wide + r && y > top - r && y < top + high + r).length;
+          if (over + 1e6 * isOut < best.hidden) best = { hidden: over + 1e6 * isOut, left, top, wide, high, text: rows.join("<br>") };
+        }
       }
     }
-    for (let x = best.left; x < best.left + wide; x += 4) ink.push([x, best.top + high / 2, high / 2]);
+    for (let x = best.left; x < best.left + best.wide; x += 4) ink.push([x, best.top + best.high / 2, best.high / 2]);
     return {
-      xref: "paper", x: best.left / xaxis._length, xanchor: "left", y: line.y, yref: "y", yanchor: best.isAbove ? "bottom" : "top", borderpad: 1,
-      text: rows.join("<br>"), align: "left", showarrow: false, font: { color: line.colour, size: 11 }, bgcolor: best.hidden ? style("--ground") : "rgba(0,0,0,0)",
+      xref: "paper", x: best.left / xaxis._length, xanchor: "left", y: line.y, yref: "y", yanchor: best.top < at ? "bottom" : "top", borderpad: 1,
+      text: best.text, align: "left", showarrow: false, font: { color: line.colour, size: 11 }, bgcolor: best.hidden ? style("--ground") : "rgba(0,0,0,0)",
     };
   });
 }
@@ -102,9 +104,15 @@ function draw(plotly, host, traces, layout, lines = []) {
   const shapes = lines.map((line) => ({ type: "line", xref: "paper", x0: 0, x1: 1, y0: line.y, y1: line.y, line: { color: line.colour, width: 1.3, dash: line.dash } }));
   const named = host.clientWidth < 600 ? traces.map((trace) => ({ ...trace, name: wrapped(trace.name, 18) })) : traces;
   const entries = traces.filter((trace) => trace.showlegend !== false).length, height = layout.height + 12 * Math.max(0, entries - 8);
+  host.style.height = `${height}px`;  // which plotly takes where the window changes
   return plotly.react(host, named, { ...layout, shapes, height }, {
     responsive: true, displaylogo: false,
     modeBarButtons: [["toImage", "zoom2d", "pan2d", "zoomIn2d", "zoomOut2d", "resetScale2d"]],
     toImageButtonOptions: { format: "svg", filename: "trade-off" },
-  }).then(() => plotly.relayout(host, { annotations: namesOf(host, lines) }));
+  }).then(() => {
+    const name = () => plotly.relayout(host, { annotations: namesOf(host, lines) });
+    host.removeAllListeners("plotly_relayout");
+    host.on("plotly_relayout", (change) => { if (!change.annotations) name(); });  // zoomed, or of another width
+    return name();
+  });
 }

@@ -444,6 +444,31 @@ def test_the_cheapest_within_the_error_is_chosen_on_validation_and_energy_compar
     assert figure.against.startswith("10 times as much as ridge regression")
 
 
+@pytest.mark.parametrize(("chosen", "which"), [("5&5", "it"), ("1&1", "5&5 ms")])
+def test_the_first_screen_tells_the_period_and_what_it_saves(chosen, which):
+    spent = {"1&1": 40.0, "5&5": 30.0, "10&10": 20.0}
+    held = {pair: NETWORK.held if pair == chosen else {name: 0.5 for name in NETWORK.held} for pair in spent}
+    held["5&5"] = {name: max(0.6, held["5&5"][name]) for name in NETWORK.held}
+    every = [NETWORK._replace(nJ=nJ, sops=nJ, pair=pair, held=held[pair], source=f"spikes of {pair} ms")
+             for pair, nJ in spent.items()]  # fmt: skip
+    said = words.screen("all", Compared.of(every, []), ["force_N"], "p", "c").period
+    assert said.startswith(
+        f"Validation prefers a refractory period of {chosen} ms: beside 1&1 ms, both with 20 neurons, "
+    )
+    assert f", {which} takes 25 % fewer SOPs and 25 % less energy, and has a score of 0.810 against 0.810, no" in said
+    one = [NETWORK._replace(pair="5&5"), NETWORK._replace(pair="1&1", kind="network, no hidden layer")]
+    assert words.screen("all", Compared.of(one[:1], []), ["force_N"], "p", "c").period == ""
+    assert words.screen("all", Compared.of(one, []), ["force_N"], "p", "c").period == ""
+
+
+def test_the_first_five_rows_are_the_chosen_network_and_the_best_rivals():
+    others = [way(f"rival {n}", 0.5 + 0.01 * n, 3.0) for n in range(20)]
+    (table,) = words.screen("all", Compared.of([NETWORK], others), ["force_N"], "p", "c").tables
+    assert [row[0].partition(" on ")[0] for row in table.few.rows] == [
+        "network, 20 neurons", "rival 19", "rival 18", "rival 17", "rival 16",
+    ]  # fmt: skip
+
+
 # Refusals
 
 
