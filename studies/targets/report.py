@@ -105,18 +105,11 @@ def _place(folder: Path, chosen: Way) -> str:
 
 
 def _next(study: StudySpec, folder: Path, place: str) -> tuple[str, Sequence[str]]:
-    """What to do next, in words, and its command: test all trials, then take a network that tells numbers along as C."""
+    """What to do next, and its command: test all trials, then take a network that tells numbers along as C."""
     run = folder.absolute()
     if study.split == SplitSpec() and not split_columns(study):
-        again = (
-            "study",
-            "run",
-            f"{run / 'study.toml'}",
-            "--folds",
-            f"{FOLDS}",
-            "-o",
-            f"{run.with_name(f'{run.name}-folds')}",
-        )
+        to = run.with_name(f"{run.name}-folds")
+        again = "study", "run", f"{run / 'study.toml'}", "--folds", f"{FOLDS}", "-o", f"{to}"
         return f"Test each trial once, in {FOLDS} folds:", [shlex.join(["neurotact", *again])]
     if parameters_of(study.parameters).target == [EVENTS]:
         return "", ()

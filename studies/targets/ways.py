@@ -143,7 +143,8 @@ def networks_of(folder: Path, rows: pd.DataFrame, done: Sequence[Cell], target: 
         nJ, sops, spikes = (float(own[f"whole_{key}"].mean()) / window_s for key in ("nJ", "sops", "spikes"))
         yield Way(
             f"network, {f'{hidden} neurons' if hidden else 'no hidden layer'}", f"spikes of {periods.in_ms(str(pair))}",
-            held, tested, nJ, {**found, "ms": float(own["whole_ms"].mean())}, sops, spikes, tuple(cells), delays, str(pair),
+            held, tested, nJ, {**found, "ms": float(own["whole_ms"].mean())}, sops, spikes, tuple(cells), delays,
+            str(pair),
         )  # fmt: skip
 
 

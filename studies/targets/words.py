@@ -86,7 +86,7 @@ def _period(compared: Compared) -> str:
 def _change(after: float, before: float, less: str, what: str) -> Iterator[str]:
     """How much more or less is taken, where both are counted.
 
-    >>> [*_change(50.0, 100.0, "less", "energy"), *_change(102.0, 100.0, "fewer", "SOPs"), *_change(math.nan, 1.0, "", "")]
+    >>> [*_change(50.0, 100.0, "less", "energy"), *_change(51.0, 50.0, "fewer", "SOPs"), *_change(math.nan, 1, "", "")]
     ['50 % less energy', '2 % more SOPs']
     """
     if after >= 0 and before > 0:

@@ -447,7 +447,7 @@ def test_the_cheapest_within_the_error_is_chosen_on_validation_and_energy_compar
 @pytest.mark.parametrize(("chosen", "which"), [("5&5", "it"), ("1&1", "5&5 ms")])
 def test_the_first_screen_tells_the_period_and_what_it_saves(chosen, which):
     spent = {"1&1": 40.0, "5&5": 30.0, "10&10": 20.0}
-    held = {pair: NETWORK.held if pair == chosen else {name: 0.5 for name in NETWORK.held} for pair in spent}
+    held = {pair: NETWORK.held if pair == chosen else dict.fromkeys(NETWORK.held, 0.5) for pair in spent}
     held["5&5"] = {name: max(0.6, held["5&5"][name]) for name in NETWORK.held}
     every = [NETWORK._replace(nJ=nJ, sops=nJ, pair=pair, held=held[pair], source=f"spikes of {pair} ms")
              for pair, nJ in spent.items()]  # fmt: skip
