@@ -55,8 +55,8 @@ function up(score) {
 }
 
 function bentTicks() {
-  const scores = [0, 1, 2, 3, 4].flatMap((power) => [1, 0.5, 0.2].map((part) => 1 - part * 10 ** -power));
-  return isBent() ? { tickvals: scores.map(up), ticktext: scores.map(short) } : {};
+  const scores = [-1, 0, 1, 2, 3, 4].flatMap((power) => [1, 0.5, 0.2].map((part) => 1 - part * 10 ** -power));
+  return isBent() ? { tickvals: scores.map(up), ticktext: scores.map((score) => String(Number(score.toFixed(6)))) } : {};
 }
 
 function isShown(point) {

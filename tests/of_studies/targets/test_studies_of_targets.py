@@ -8,6 +8,7 @@ from types import SimpleNamespace
 import numpy as np
 import pandas as pd
 import pytest
+from browser import browser
 from hypothesis import given
 from hypothesis import strategies as st
 from in_process import studies_here, typed, without_pictures
@@ -467,6 +468,43 @@ def test_the_first_five_rows_are_the_chosen_network_and_the_best_rivals():
     assert [row[0].partition(" on ")[0] for row in table.few.rows] == [
         "network, 20 neurons", "rival 19", "rival 18", "rival 17", "rival 16",
     ]  # fmt: skip
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(("width", "scheme"), [(400, "dark"), (1400, "light")])
+@pytest.mark.parametrize("kind", ["numbers", "events"])
+def test_in_a_browser_a_page_has_five_rows_and_is_accessible(kind, width, scheme, request, tmp_path):
+    with browser(tmp_path / "profile") as chromium:
+        chromium.open(request.getfixturevalue(kind).folder / "report.html", width, scheme=scheme)
+        chromium.wait_for("document.querySelector('#plot .points path')")
+        assert chromium.evaluate("document.querySelector('#answer .scroll tbody').rows.length") <= 5
+        chromium.assert_accessible()
+        assert chromium.evaluate("document.documentElement.scrollWidth") <= width
+        assert chromium.complaints == []
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(
+    ("scores", "is_bent"), [((0.6, 0.998), True), ((-2.0, 0.95), True), ((0.6, 0.7), False), ((0.6, 1.0), False)]
+)
+def test_in_a_browser_scores_near_1_have_room(scores, is_bent, numbers, tmp_path):
+    given = iter(scores)
+    page = tmp_path / "report.html"
+    page.write_text(re.sub(r'"y":[0-9.]+', lambda _: f'"y":{next(given)}', (numbers.folder / page.name).read_text()))
+    with browser(tmp_path / "profile") as chromium:
+        chromium.open(page, 1400)
+        chromium.wait_for("document.querySelector('#plot .points path')")
+        drawn = dict(chromium.evaluate(
+            "document.getElementById('plot').data.flatMap((t) => (t.customdata ?? []).map((i, at) => [i, t.y[at]]))"
+        ))  # fmt: skip
+        axis = chromium.evaluate(
+            "(({ tickvals, ticktext }) => [tickvals, ticktext])(document.getElementById('plot').layout.yaxis)"
+        )
+    heights = [-np.log10(1 - score) for score in scores] if is_bent else scores
+    assert drawn == {n: pytest.approx(height) for n, height in enumerate(heights)}
+    assert (axis[0] is not None) == is_bent
+    for height, text in zip(*axis, strict=True) if is_bent else ():
+        assert float(text) == pytest.approx(1 - 10**-height)
 
 
 # Refusals
