@@ -15,8 +15,6 @@ from neurotact.report.way_answer import SPENT, Configuration, WayAnswer
 from neurotact.report.wording import count, energy, milliseconds, p_of, percent
 
 HEADS = ["t_ref, neurons", "test accuracy (95 % interval)", "input spikes", "SOPs", "ms to decision", "energy estimate"]
-MOST_KINDS = 8
-"""Kinds of configurations in the first table; all of them stand in the table of every configuration."""
 
 
 class _Row(NamedTuple):
@@ -146,9 +144,8 @@ def table(outcome: OfNetworks, period: str = "t_ref", sample_ms: float = 0.0) ->
 
 def _named(outcome: OfNetworks, every: Sequence[_Row]) -> list[int]:
     """The rows that the verdict rests on: the chosen network, both rivals, guessing, and the best network."""
-    baselines = _baselines_shown(outcome)
     used = [row.network if row.decision == row.network.used else None for row in every]
-    rows = [*used, *baselines, "guessing"]
+    rows = [*used, *_baselines_shown(outcome), "guessing"]
     asked = outcome.best, outcome.beside, outcome.comparable, "guessing", outcome.leader, outcome.cheapest
     return [rows.index(one) for one in asked if one is not None and one in rows]
 
@@ -232,8 +229,7 @@ def table_of_configurations(outcome: WayAnswer) -> Table:
     for one in sorted(outcome.rows, key=lambda one: (math.isnan(one.chosen_by), -one.chosen_by)):
         kinds.setdefault(one.kind, one)
     named = (outcome.cheapest, outcome.shown, *(outcome.named if outcome.spiking else ()))
-    shown = [*kinds.values()][:MOST_KINDS]
-    shown = [*{one.index: one for one in (*shown, *named)}.values()]
+    shown = [*{one.index: one for one in (*kinds.values(), *named)}.values()]
     measure, is_known = outcome.measure, not math.isnan(outcome.error)
     spent = [head for head in SPENT.values() if head != measure.cost and any(head in one.costs for one in shown)]
     rows = []

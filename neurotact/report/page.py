@@ -33,8 +33,6 @@ NETWORKS = ("marks.js", "plotly.js", "state.js", "cell.js", "trade_off.js", "com
 PROTOCOL = ("marks.js", "plotly.js", "state.js", "table.js", "protocol.js")
 
 
-ROWS = 5
-"""Of a table of the first screen."""
 _END = re.compile(r"(?<=[;.]) ")
 _SETTINGS = re.compile(r"`settings=(\{[^`]*\})`")
 # \x60 is the backquote: in one, a pattern would be read as the name of a parameter.
@@ -42,10 +40,7 @@ _SPEC = re.compile(r"\x60\w+=nt\.\w+\((\w+)=(\w+)\)\x60")
 
 
 class Table(NamedTuple):
-    """A table as text: caption, column heads, and rows, whose first `n_heads` cells are row heads.
-
-    named: the rows that a first screen shows, the most important first; empty: from both ends.
-    """
+    """A table as text: caption, column heads, and rows, whose first `n_heads` cells are row heads; `named`: of `few`."""
 
     caption: str
     columns: list[str]
@@ -55,13 +50,13 @@ class Table(NamedTuple):
 
     @property
     def few(self) -> "Table":
-        """The rows of a first screen, in their order: at most five.
+        """At most five rows, in their order: of `named` the first ones, or without it from both ends.
 
         >>> Table("", [], [[str(row)] for row in range(9)]).few.rows, Table("", [], [["a"], ["b"]], named=[1]).few.rows
         ([['0'], ['1'], ['2'], ['3'], ['8']], [['b']])
         """
         order = self.named or sorted(range(len(self.rows)), key=lambda row: row % (len(self.rows) - 1 or 1))
-        return self._replace(rows=[self.rows[row] for row in sorted([*dict.fromkeys(order)][:ROWS])])
+        return self._replace(rows=[self.rows[row] for row in sorted([*dict.fromkeys(order)][:5])])
 
 
 class Figure(NamedTuple):

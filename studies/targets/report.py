@@ -1,6 +1,5 @@
 """The page of a study with a target, its figures, and its answer for programs."""
 
-import shlex
 from collections.abc import Iterator, Sequence
 from pathlib import Path
 from typing import Any
@@ -20,12 +19,11 @@ from neurotact.files import write_json
 from neurotact.networks.definition import recipe
 from neurotact.networks.training import cautions, tasks
 from neurotact.networks.training.run_folder import LOG
-from neurotact.report import front, page, ways
+from neurotact.report import front, page, period_choice, ways
 from neurotact.report.answer import Answer
 from neurotact.report.tables import afferents_of, first_spikes, tables_beside, with_pair, with_setting
 from neurotact.report.way_answer import Configuration
 from neurotact.report.wording import Measure
-from neurotact.studies.automatic import FOLDS
 from neurotact.studies.cell import task_of
 from neurotact.studies.store import ANSWER, cell_folder, is_done, result_of
 from neurotact.studies.study import Cell, StudySpec, setting_columns, split_columns
@@ -106,16 +104,13 @@ def _place(folder: Path, chosen: Way) -> str:
 
 def _next(study: StudySpec, folder: Path, place: str) -> tuple[str, Sequence[str]]:
     """What to do next, and its command: test all trials, then take a network that tells numbers along as C."""
-    run = folder.absolute()
     if study.split == SplitSpec() and not split_columns(study):
-        to = run.with_name(f"{run.name}-folds")
-        again = "study", "run", f"{run / 'study.toml'}", "--folds", f"{FOLDS}", "-o", f"{to}"
-        return f"Test each trial once, in {FOLDS} folds:", [shlex.join(["neurotact", *again])]
-    if parameters_of(study.parameters).target == [EVENTS]:
+        return period_choice.in_folds(folder.absolute())
+    if parameters_of(study.parameters).target == (EVENTS,):
         return "", ()
-    recorded = ["--recordings", study.dataset.file] if study.dataset.file else []
-    export = "export", f"{run / place}", "--to", "c", *recorded, "-o", f"{run / 'c'}"
-    return "Take the chosen network along, as C:", [shlex.join(["neurotact", *export])]
+    file = study.dataset.file
+    places = period_choice.Places(folder, folder / place, Path(file) if file else None)
+    return "Take the chosen network along, as C:", [period_choice.as_c(places)]
 
 
 def _view(target: Sequence[str]) -> View:

@@ -470,6 +470,20 @@ def test_the_first_five_rows_are_the_chosen_network_and_the_best_rivals():
     ]  # fmt: skip
 
 
+@pytest.mark.parametrize("kind", ["numbers", "events"])
+def test_the_next_step_tests_every_trial_and_then_takes_the_network_along(kind, request):
+    found = request.getfixturevalue(kind)
+    page = (found.folder / "report.html").read_text()
+    again = f"neurotact study run {found.folder}/study.toml --folds 5 -o {found.folder}-folds"
+    assert (again in page) == (found.study.split == SplitSpec())
+    split = SplitSpec(folds=5)
+    folded = found.study.model_copy(update={"split": split})
+    said, commands = report._next(folded, found.folder, "cells/a")
+    file = found.study.dataset.file
+    export = f"neurotact export {found.folder}/cells/a --to c --recordings {file} -o {found.folder}/c"
+    assert (said, commands) == (("Take the chosen network along, as C:", [export]) if kind == "numbers" else ("", ()))
+
+
 @pytest.mark.slow
 @pytest.mark.parametrize(("width", "scheme"), [(400, "dark"), (1400, "light")])
 @pytest.mark.parametrize("kind", ["numbers", "events"])
