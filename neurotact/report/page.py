@@ -40,7 +40,7 @@ _SPEC = re.compile(r"\x60\w+=nt\.\w+\((\w+)=(\w+)\)\x60")
 
 
 class Table(NamedTuple):
-    """A table as text: caption, column heads, and rows, whose first `n_heads` cells are row heads; `named`: of `few`."""
+    """A table as text: caption, column heads, rows, whose first `n_heads` cells are row heads; `named`: of `few`."""
 
     caption: str
     columns: list[str]

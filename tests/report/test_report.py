@@ -595,8 +595,9 @@ def test_in_a_browser_no_table_of_the_answer_is_wider_than_a_phone(chromium, riv
 
 
 @pytest.mark.slow
-def test_in_a_browser_names_of_a_phones_legend_end_before_the_next_column(chromium, rivalled):
-    chromium.open(rivalled, 400)
+@pytest.mark.parametrize("width", [400, 1400])
+def test_in_a_browser_names_of_a_legend_end_before_the_next_column(chromium, rivalled, width):
+    chromium.open(rivalled, width)
     chromium.wait_for(DRAWN)
     ends = (
         "[...document.querySelectorAll('#plot .legend .traces')].map((entry) => {"
@@ -607,7 +608,8 @@ def test_in_a_browser_names_of_a_phones_legend_end_before_the_next_column(chromi
     assert len(entries) > 4
     for left, right, top, bottom in entries:
         beside = [one[0] for one in entries if one[0] > left and one[2] < bottom and top < one[3]]
-        assert right < min([*beside, 400.0])
+        assert right < min([*beside, float(width)])
+    assert len({round(entry[0]) for entry in entries}) == 2
 
 
 @pytest.mark.slow
@@ -758,6 +760,7 @@ def test_in_a_browser_the_address_holds_what_is_chosen(chromium, written):
     assert set(address[1:].split("&")) >= expected
     chromium.evaluate("window.isOld = true; window.location.reload()")
     chromium.wait_for(f"!window.isOld && document.readyState === 'complete' && {DRAWN}")
+    assert set(chromium.evaluate("window.location.hash")[1:].split("&")) >= expected
     assert json.loads(chromium.evaluate(STATE)) == {"cost": "ms", "scale": "log"}
     assert chromium.evaluate("document.getElementById('plot')._fullLayout.xaxis.type") == "log"
     assert not chromium.evaluate("document.querySelector('#pairs input').checked")

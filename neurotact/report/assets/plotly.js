@@ -38,7 +38,7 @@ function sharedLayout(narrow) {
     dragmode: window.matchMedia("(pointer: coarse)").matches ? false : "zoom",
     legend: {
       orientation: "h", x: 0, y: narrow ? -0.24 : -0.2, yanchor: "top", traceorder: "normal",
-      ...(narrow ? { entrywidth: 0.5, entrywidthmode: "fraction" } : {}),
+      entrywidth: 0.5, entrywidthmode: "fraction",
     },
     modebar: { bgcolor: "rgba(0,0,0,0)", color: style("--soft"), activecolor: style("--ink") },
   };
@@ -99,10 +99,10 @@ function namesOf(host, lines) {
   });
 }
 
-/* Draw traces, and level lines (y, words, colour, dash) with their names; a long name in the legend of a phone is wrapped. */
+/* Draw traces, and level lines (y, words, colour, dash) with their names; a long name in the legend is wrapped. */
 function draw(plotly, host, traces, layout, lines = []) {
   const shapes = lines.map((line) => ({ type: "line", xref: "paper", x0: 0, x1: 1, y0: line.y, y1: line.y, line: { color: line.colour, width: 1.3, dash: line.dash } }));
-  const named = host.clientWidth < 600 ? traces.map((trace) => ({ ...trace, name: wrapped(trace.name, 18) })) : traces;
+  const named = traces.map((trace) => ({ ...trace, name: wrapped(trace.name, host.clientWidth < 600 ? 18 : 32) }));
   const entries = traces.filter((trace) => trace.showlegend !== false).length, height = layout.height + 12 * Math.max(0, entries - 8);
   host.style.height = `${height}px`;  // which plotly takes where the window changes
   return plotly.react(host, named, { ...layout, shapes, height }, {
