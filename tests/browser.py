@@ -22,7 +22,7 @@ PATIENCE_s = 60.0
 
 
 class Browser:
-    """One page; `complaints` are its console errors and exceptions, `requests` the addresses that it asked for."""
+    """Complaints are console errors and exceptions; `requests` the addresses that the page last opened asked for."""
 
     def __init__(self, socket: Any):
         self._socket = socket
@@ -56,6 +56,7 @@ class Browser:
     def open(
         self, page: Path | str, width: int, height: int = 900, scheme: str = "light", motion: str = "reduce"
     ) -> None:
+        self.requests.clear()
         self.call("Emulation.setDeviceMetricsOverride", width=width, height=height, deviceScaleFactor=1, mobile=False)
         features = [
             {"name": "prefers-color-scheme", "value": scheme},

@@ -16,6 +16,7 @@ import numpy as np
 import pandas as pd
 import pytest
 import typer
+from browser import browser
 from markdown_it import MarkdownIt
 from markdown_it.token import Token
 from typer.main import get_command
@@ -444,6 +445,22 @@ def test_an_example_is_short_and_imports_public_names_alone(example):
         elif isinstance(node, ast.ImportFrom) and (node.module or "").startswith("neurotact"):
             assert node.module in PUBLIC_ROOMS
             assert {each.name for each in node.names} <= set(import_module(node.module).__all__)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(("scheme", "theme", "is_dark"), [
+    ("dark", "auto", True), ("light", "auto", False), ("light", "dark", True), ("dark", "light", False),
+])  # fmt: skip
+def test_in_a_browser_pictures_are_dark_where_the_site_is(scheme, theme, is_dark, tmp_path):
+    style = (ROOT / "docs" / "site" / "static" / "site.css").read_text()
+    (tmp_path / "page.html").write_text(
+        f"<style>{style}</style><body data-theme={theme}><article class=content><img><pre>{'command ' * 40}</pre>"
+    )
+    with browser(tmp_path / "profile") as chromium:
+        chromium.open(tmp_path / "page.html", 400, scheme=scheme)
+        drawn = chromium.evaluate("getComputedStyle(document.querySelector('img')).filter")
+        assert ("invert" in drawn) == is_dark
+        assert chromium.evaluate("document.documentElement.scrollWidth") <= 400
 
 
 def test_there_are_examples():

@@ -8,7 +8,8 @@ Other rooms take:
     front: Front, baselines_of, costs_of
     networks: DOWNLOADS, Steps, means_table, write
     page: Figure, PRINTED, Table, if_there, write
-    periods: NONE, head, in_ms, of_rows
+    period_choice: Places, as_c, in_folds
+    periods: NONE, head, in_ms, of_rows, sizes
     report: write
     running: writer
     tables: afferents_of, first_spikes, tables_beside, with_pair, with_setting

@@ -15,8 +15,6 @@ from neurotact.report.way_answer import SPENT, Configuration, WayAnswer
 from neurotact.report.wording import count, energy, milliseconds, p_of, percent
 
 HEADS = ["t_ref, neurons", "test accuracy (95 % interval)", "input spikes", "SOPs", "ms to decision", "energy estimate"]
-MOST_KINDS = 8
-"""Kinds of configurations in the first table; all of them stand in the table of every configuration."""
 
 
 class _Row(NamedTuple):
@@ -139,17 +137,17 @@ def table(outcome: OfNetworks, period: str = "t_ref", sample_ms: float = 0.0) ->
     sample = f" A sample lasts {milliseconds(sample_ms)}." if any(_is_short(row, sample_ms) for row in every) else ""
     caption = (
         f"Means over {outcome.trials.test} test trials{over}; energy is an estimate. Choices: {choice}, both on whole "
-        f"windows. Of each refractory period, or pair, the best network is shown.{sample}"
+        f"windows.{sample}"
     )
-    return Table(caption, [f"{period}, neurons", *HEADS[1:]], rows, n_heads=1)
+    return Table(caption, [f"{period}, neurons", *HEADS[1:]], rows, 1, _named(outcome, every))
 
 
-def few(outcome: OfNetworks, whole: Table) -> Table:
-    """Of `table`, the rows that the verdict rests on: the chosen network, the best one, both rivals, and guessing."""
-    networks = outcome.best, outcome.leader, outcome.cheapest
-    kept = [row.network in networks and row.decision == row.network.used for row in _network_rows(outcome)]
-    kept += [one in (outcome.comparable, outcome.beside) for one in _baselines_shown(outcome)]
-    return whole._replace(rows=[row for row, is_kept in zip(whole.rows, [*kept, True], strict=True) if is_kept])
+def _named(outcome: OfNetworks, every: Sequence[_Row]) -> list[int]:
+    """The rows that the verdict rests on: the chosen network, both rivals, guessing, and the best network."""
+    used = [row.network if row.decision == row.network.used else None for row in every]
+    rows = [*used, *_baselines_shown(outcome), "guessing"]
+    asked = outcome.best, outcome.beside, outcome.comparable, "guessing", outcome.leader, outcome.cheapest
+    return [rows.index(one) for one in asked if one is not None and one in rows]
 
 
 def _network_rows(outcome: OfNetworks) -> Iterator[_Row]:
@@ -231,8 +229,7 @@ def table_of_configurations(outcome: WayAnswer) -> Table:
     for one in sorted(outcome.rows, key=lambda one: (math.isnan(one.chosen_by), -one.chosen_by)):
         kinds.setdefault(one.kind, one)
     named = (outcome.cheapest, outcome.shown, *(outcome.named if outcome.spiking else ()))
-    shown = [*kinds.values()][:MOST_KINDS]
-    shown = [*{one.index: one for one in (*shown, *named)}.values()]
+    shown = [*{one.index: one for one in (*kinds.values(), *named)}.values()]
     measure, is_known = outcome.measure, not math.isnan(outcome.error)
     spent = [head for head in SPENT.values() if head != measure.cost and any(head in one.costs for one in shown)]
     rows = []
@@ -250,4 +247,6 @@ def table_of_configurations(outcome: WayAnswer) -> Table:
     setting = f", {outcome.setting}" if outcome.setting else ""
     chosen = ", chosen on validation rows" if outcome.is_validated else ""
     caption = f"The best of each kind{setting}{chosen}: {what}."
-    return Table(caption, ["configuration", measure.score, measure.cost, *spent], rows, n_heads=1)
+    first = outcome.shown.index, outcome.cheapest.index
+    order = sorted(range(len(rows)), key=lambda row: row < len(shown) and shown[row].index not in first)
+    return Table(caption, ["configuration", measure.score, measure.cost, *spent], rows, 1, order)

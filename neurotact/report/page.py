@@ -40,12 +40,23 @@ _SPEC = re.compile(r"\x60\w+=nt\.\w+\((\w+)=(\w+)\)\x60")
 
 
 class Table(NamedTuple):
-    """A table as text: caption, column heads, and rows, whose first `n_heads` cells are row heads."""
+    """A table as text: caption, column heads, rows, whose first `n_heads` cells are row heads; `named`: of `few`."""
 
     caption: str
     columns: list[str]
     rows: list[list[str]]
     n_heads: int = 0
+    named: Sequence[int] = ()
+
+    @property
+    def few(self) -> "Table":
+        """At most five rows, in their order: of `named` the first ones, or without it from both ends.
+
+        >>> Table("", [], [[str(row)] for row in range(9)]).few.rows, Table("", [], [["a"], ["b"]], named=[1]).few.rows
+        ([['0'], ['1'], ['2'], ['3'], ['8']], [['b']])
+        """
+        order = self.named or sorted(range(len(self.rows)), key=lambda row: row % (len(self.rows) - 1 or 1))
+        return self._replace(rows=[self.rows[row] for row in sorted([*dict.fromkeys(order)][:5])])
 
 
 class Figure(NamedTuple):

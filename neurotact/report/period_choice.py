@@ -10,7 +10,7 @@ import math
 import shlex
 from collections.abc import Callable, Sequence
 from pathlib import Path
-from typing import Literal, NamedTuple
+from typing import Any, Literal, NamedTuple
 
 import numpy as np
 import pandas as pd
@@ -336,26 +336,33 @@ def next_step(choice: PeriodChoice, sure: Sure, places: Places, lost: str = "") 
         compared = "study", "run", "which-encoder", "--data", places.recordings, "-o", _beside(run, "encoders")
         return f"{lost}; compare encoders:", [_command(*compared)]
     if choice.kind != "unclear":
-        recorded = [] if places.recordings is None else ["--recordings", places.recordings]
-        save = _command("save", cell, *recorded, "-o", _beside(run, "saved"))
-        export = _command("export", cell, "--to", "c", *recorded, "-o", run / "c")
-        return "Let all ways to save be tried together, or take it along as it is, as C:", [save, export]
+        save = _command("save", cell, *_recorded(places), "-o", _beside(run, "saved"))
+        return "Let all ways to save be tried together, or take it along as it is, as C:", [save, as_c(places)]
     if places.may_fold:
-        return (
-            f"Test each trial once, in {FOLDS} folds, each from another start of the weights:",
-            [_command("study", "run", study, "--folds", FOLDS, "-o", _beside(run, "folds"))],
-        )
+        return in_folds(run)
     if choice.fix == "seeds":
+        words = f"Train {SEEDS} networks of each kind, from other starts of the weights:"
         seeds = f"sweep.seed={[*range(SEEDS)]}"
-        return (
-            f"Train {SEEDS} networks of each kind, from other starts of the weights:",
-            [_command("study", "run", study, "--set", seeds, "-o", _beside(run, "seeds"))],
-        )
-    needed = trials_needed(choice, sure)
-    return (
-        f"Record more: about {needed} trials per class, of {sure.each} now; then, with the file imported again:",
-        [_command("study", "run", study, "-o", _beside(run, "more"))],
-    )
+        return words, [_command("study", "run", study, "--set", seeds, "-o", _beside(run, "seeds"))]
+    needed = f"about {trials_needed(choice, sure)} trials per class, of {sure.each} now"
+    words = f"Record more: {needed}; then, with the file imported again:"
+    return words, [_command("study", "run", study, "-o", _beside(run, "more"))]
+
+
+def in_folds(run: Path) -> tuple[str, list[str]]:
+    """To test every trial, in words, and the command."""
+    words = f"Test each trial once, in {FOLDS} folds, each from another start of the weights:"
+    return words, [_command("study", "run", run / "study.toml", "--folds", FOLDS, "-o", _beside(run, "folds"))]
+
+
+def as_c(places: Places) -> str:
+    """The command that exports the chosen network to C."""
+    run, cell = places.run.absolute(), places.cell.absolute()
+    return _command("export", cell, "--to", "c", *_recorded(places), "-o", run / "c")
+
+
+def _recorded(places: Places) -> list[Any]:
+    return [] if places.recordings is None else ["--recordings", places.recordings]
 
 
 def _beside(run: Path, name: str) -> Path:

@@ -219,12 +219,13 @@ def table(among: Sequence[Choice]) -> Table | None:
             "-" if one.snr_dB is None else f"{one.snr_dB:.1f}", "-" if used.nJ is None else energy(used.nJ),
         ])  # fmt: skip
     caption = (
-        "Every encoder and refractory period, by accuracy on validation trials; ~: they cannot tell it from the best. "
+        "Encoders and refractory periods, by accuracy on validation trials; ~: they cannot tell it from the best. "
         f"Accuracies on {among[0].trials.test} test trials with 95 % intervals; SNR: of the signal of test trials that "
         "a linear filter of the spikes gives back; energy is an estimate."
     )
     heads = ["encoder", "t_ref (ms)", "input spikes", "network", "linear readout", "SNR (dB)", "energy estimate"]
-    return Table(caption, heads, rows, n_heads=2)
+    order = [row for row in (found.best, found.cheapest) if row is not None]
+    return Table(caption, heads, rows, 2, [*order, *range(len(rows))])
 
 
 def as_table(among: Sequence[Choice]) -> pd.DataFrame:

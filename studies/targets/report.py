@@ -14,19 +14,20 @@ from neurotact_parts.studies.targets.words import screen
 
 from neurotact.baselines import opponents
 from neurotact.data.conditioning import acausal_note
+from neurotact.data.splits import SplitSpec
 from neurotact.figures.columns import name_of
 from neurotact.files import write_json
 from neurotact.networks.definition import recipe
 from neurotact.networks.training import cautions, tasks
 from neurotact.networks.training.run_folder import LOG
-from neurotact.report import front, page, ways
+from neurotact.report import front, page, period_choice, ways
 from neurotact.report.answer import Answer
 from neurotact.report.tables import afferents_of, first_spikes, tables_beside, with_pair, with_setting
 from neurotact.report.way_answer import Configuration
 from neurotact.report.wording import Measure
 from neurotact.studies.cell import task_of
 from neurotact.studies.store import ANSWER, cell_folder, is_done, result_of
-from neurotact.studies.study import Cell, StudySpec, setting_columns
+from neurotact.studies.study import Cell, StudySpec, setting_columns, split_columns
 from neurotact.studies.way import View
 from neurotact.tables import read_table, write_table
 
@@ -67,7 +68,9 @@ def write(study: StudySpec, folder: Path) -> Path:
         for setting, rows in results.groupby("setting", sort=False)
     }
     screens = [
-        screen(setting, one, target, study.prices.name, _place(folder, one.chosen)) for setting, one in compared.items()
+        screen(setting, one, target, study.prices.name, place, _next(study, folder, place))
+        for setting, one in compared.items()
+        for place in [_place(folder, one.chosen)]
     ]
     said = [*_alarms(compared, study), *_cautions(study, folder, done)]
     write_json(folder / ANSWER, {"answers": [one.in_words() for one in screens], "cautions": said})
@@ -98,6 +101,17 @@ def _place(folder: Path, chosen: Way) -> str:
     """The folder of the training with the median score on validation trials, within that of the study."""
     ordered = sorted(chosen.cells, key=lambda cell: result_of(folder, cell)["row"]["score_validation"])
     return cell_folder(Path(), ordered[(len(ordered) - 1) // 2]).as_posix()
+
+
+def _next(study: StudySpec, folder: Path, place: str) -> tuple[str, Sequence[str]]:
+    """What to do next, and its command: test all trials, then take a network that tells numbers along as C."""
+    if study.split == SplitSpec() and not split_columns(study):
+        return period_choice.in_folds(folder.absolute())
+    if parameters_of(study.parameters).target == (EVENTS,):
+        return "", ()
+    file = study.dataset.file
+    places = period_choice.Places(folder, folder / place, Path(file) if file else None)
+    return "Take the chosen network along, as C:", [period_choice.as_c(places)]
 
 
 def _view(target: Sequence[str]) -> View:

@@ -27,7 +27,8 @@ class Way(NamedTuple):
 
     kind, source: what decides, and from what. held, tested: the score of each validation and test trial. nJ, sops,
     spikes: of an answer, of a detector in a second; NaN if not counted. found: errors or events, as columns of results.
-    cells: of a network. delays_ms: of a detector, the mean of the hits of each test recording.
+    cells, pair (its refractory periods): of a network. delays_ms: of a detector, the mean of the hits of each test
+    recording.
     """
 
     kind: str
@@ -40,6 +41,7 @@ class Way(NamedTuple):
     spikes: float = math.nan
     cells: tuple[Cell, ...] = ()
     delays_ms: Mapping[str, float] = {}
+    pair: str = periods.NONE
 
     @property
     def name(self) -> str:
@@ -98,6 +100,20 @@ class Compared(NamedTuple):
         return cls(networks, others, best, chosen, verdict, rivals[verdict.decisive] if verdict else None, comparable)
 
     @property
+    def of_period(self) -> tuple[Way, Way] | None:
+        """The chosen network and one of its size with another refractory period, the longer one first.
+
+        The other one has the shortest period, or the longer one that is best on validation; None if there is none.
+        """
+        peers = [one for one in self.networks if one.kind == self.chosen.kind and one.pair != self.chosen.pair]
+        every = sorted((self.chosen, *peers), key=lambda one: sum(periods.sizes(one.pair)))
+        if not peers or not periods.sizes(every[0].pair):
+            return None
+        if every[0] is self.chosen:
+            return peers[referee.best_of([one.way for one in peers])], self.chosen
+        return self.chosen, every[0]
+
+    @property
     def later(self) -> Paired | None:
         """By how many ms the chosen detector is later than the rival, over recordings in which both have hits."""
         mine, its = self.chosen.delays_ms, self.beside.delays_ms if self.beside else {}
@@ -128,6 +144,7 @@ def networks_of(folder: Path, rows: pd.DataFrame, done: Sequence[Cell], target: 
         yield Way(
             f"network, {f'{hidden} neurons' if hidden else 'no hidden layer'}", f"spikes of {periods.in_ms(str(pair))}",
             held, tested, nJ, {**found, "ms": float(own["whole_ms"].mean())}, sops, spikes, tuple(cells), delays,
+            str(pair),
         )  # fmt: skip
 
 

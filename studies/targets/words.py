@@ -7,6 +7,8 @@ from typing import Any, NamedTuple
 from neurotact_parts.studies.targets.ways import EVENTS, Compared, Way
 
 from neurotact.figures.columns import quantity
+from neurotact.metrics.paired import compare_by_trial
+from neurotact.report import periods
 from neurotact.report.page import Figure, Table
 from neurotact.report.wording import chance_of, count, energy, milliseconds, p_of
 
@@ -19,6 +21,8 @@ class Screen(NamedTuple):
 
     setting: str
     verdict: str
+    period: str
+    next: tuple[str, Sequence[str]]
     figures: Sequence[Figure]
     evidence: str
     details: Sequence[str]
@@ -31,25 +35,62 @@ class Screen(NamedTuple):
             "dataset": self.setting,
             "headline": self.verdict,
             "short": self.verdict.removesuffix("."),
+            "period": self.period,
             "figures": [figure._asdict() for figure in self.figures],
             "details": [self.evidence, *self.details],
             **self.numbers,
         }
 
 
-def screen(setting: str, compared: Compared, target: Sequence[str], prices: str, folder: str) -> Screen:
-    """The first screen; folder: of the chosen network's median training."""
+def screen(
+    setting: str,
+    compared: Compared,
+    target: Sequence[str],
+    prices: str,
+    folder: str,
+    then: tuple[str, Sequence[str]] = ("", ()),
+) -> Screen:
+    """The first screen; folder: of the chosen network's median training. then: what to do next, and its commands."""
     told = _Events(compared) if [*target] == [EVENTS] else _Numbers(compared, target)
     chosen = compared.chosen
     return Screen(
         setting,
         f"{told.verdict()}.",
+        _period(compared),
+        then,
         [*told.figures(), _of_energy(compared, prices, told.each), *told.last()],
         f"Chosen on validation trials, as the cheapest within one standard error of the best: {chosen.name}.",
         [*_details(compared, folder)],
         [_table(compared, told)],
         {**_as_json(compared), "target": [*target], "chosen": chosen.name, "chosen_folder": folder},
     )
+
+
+def _period(compared: Compared) -> str:
+    """The refractory period that validation prefers, and what a longer one saves and loses; empty without another."""
+    if compared.of_period is None:
+        return ""
+    longer, shorter = compared.of_period
+    saved = [*_change(longer.sops, shorter.sops, "fewer", "SOPs"), *_change(longer.nJ, shorter.nJ, "less", "energy")]
+    takes = f"takes {' and '.join(saved)}, and " if saved else ""
+    found = compare_by_trial(shorter.tested, longer.tested)
+    clear = "a clear difference" if found.is_clear else "no clear difference"
+    which = "it" if longer is compared.chosen else periods.in_ms(longer.pair)
+    return (
+        f"Validation prefers a refractory period of {periods.in_ms(compared.chosen.pair)}: beside "
+        f"{periods.in_ms(shorter.pair)}, both with {longer.kind.removeprefix('network, ')}, {which} {takes}has a score "
+        f"of {longer.score:.3f} against {shorter.score:.3f}, {clear} on {found.n} test trials."
+    )
+
+
+def _change(after: float, before: float, less: str, what: str) -> Iterator[str]:
+    """How much more or less is taken, where both are counted.
+
+    >>> [*_change(50.0, 100.0, "less", "energy"), *_change(51.0, 50.0, "fewer", "SOPs"), *_change(math.nan, 1, "", "")]
+    ['50 % less energy', '2 % more SOPs']
+    """
+    if after >= 0 and before > 0:
+        yield f"{100 * abs(1 - after / before):.0f} % {less if after <= before else 'more'} {what}"
 
 
 def _as_json(compared: Compared) -> dict[str, Any]:
@@ -133,7 +174,7 @@ def _table(compared: Compared, told: "_Numbers | _Events") -> Table:
     ]
     heads = ["decided by", *told.heads, "score (95 % interval)", f"energy estimate {told.each}"]
     n = len(compared.chosen.tested)
-    return Table(f"Networks and rivals on {n} test trials; {told.meaning}.", heads, rows, n_heads=1)
+    return Table(f"Networks and rivals on {n} test trials; {told.meaning}.", heads, rows, 1, [*range(len(rows))])
 
 
 def _chance(compared: Compared) -> str:

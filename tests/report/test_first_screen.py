@@ -48,6 +48,18 @@ def test_the_figures_are_those_of_the_row_of_the_best_network(networks, baseline
 
 
 @given(NETWORKS, BASELINES)
+def test_the_first_five_rows_hold_what_the_verdict_rests_on(networks, baselines):
+    found = answer(networks, baselines, 0.25, TRIALS)
+    whole = first_screen.table(found)
+    rows, names = whole.few.rows, [row[0].partition(": ")[0] for row in whole.few.rows]
+    assert len(rows) <= 5
+    assert rows == [row for row in whole.rows if row in rows]
+    assert sum("best on validation" in row[0] for row in rows) == 1
+    assert names[-1] == "guessing"
+    assert {one.name for one in (found.beside, found.comparable) if one is not None} <= set(names)
+
+
+@given(NETWORKS, BASELINES)
 def test_a_row_that_is_better_on_test_trials_is_named_with_the_choice(networks, baselines):
     found = answer(networks, baselines, 0.25, TRIALS)
     said = first_screen.chosen(found)

@@ -80,6 +80,7 @@ class Page(HTMLParser):
     def __init__(self, path: Path):
         super().__init__()
         self.links, self.images, self.heads, self.ids, self.text = [], [], [], [], ""
+        self.landmarks = []
         self.downloads, self.handlers, self.json, self._in_script = {}, [], "", None
         self.feed(path.read_text())
 
@@ -89,6 +90,8 @@ class Page(HTMLParser):
         self.ids += [given["id"]] if "id" in given else []
         if tag == "img":
             self.images.append(given)
+        if given.get("role") == "region":
+            self.landmarks.append(given["aria-label"])
         if tag == "th":
             self.heads.append(given.get("scope"))
         if "download" in given:
@@ -117,6 +120,21 @@ def written(tmp_path_factory):
     measured = {"accuracy_validation": 0.5, "accuracy_test": 0.456, "macs": 100.0, "flops": 200.0, "parameters": 9,
                 "energy_estimate_nJ": 0.46}  # fmt: skip
     pd.DataFrame([{**named, **measured}]).to_csv(folder / "baselines.csv", index=False)
+    return networks.write(what, folder)
+
+
+@pytest.fixture(scope="module")
+def rivalled(tmp_path_factory):
+    """A run whose networks are as accurate as a rival."""
+    folder = tmp_path_factory.mktemp("rivalled")
+    sweep = {"encoder.ra1.t_ref_ms & encoder.sa1.t_ref_ms": [[1, 1], [1, 5], [10, 10]], "network.hidden": [20, 30]}
+    what = make_study(baselines="linear", claims=(), sweep={**sweep, "seed": [0, 1]},
+                      dataset={**GRATINGS, "subsets": {"mixed": {}}})  # fmt: skip
+    make_run(what, folder, grating_conditions())
+    row = {"dataset": "mixed", "classifier": "logistic regression", "input": "signals: mean and deviation",
+           "t_ref_ra_ms": None, "t_ref_sa_ms": None, "settings": "C 1", "accuracy_validation": 0.88,
+           "accuracy_test": 0.9, "macs": 100.0, "flops": 200.0, "parameters": 9}  # fmt: skip
+    pd.DataFrame([row | {"energy_estimate_nJ": 0.46}]).to_csv(folder / "baselines.csv", index=False)
     return networks.write(what, folder)
 
 
@@ -531,6 +549,69 @@ def test_in_a_browser_a_report_is_accessible(chromium, written, width, scheme):
     chromium.assert_accessible()
 
 
+OVER = """(() => {
+  const boxes = (parts) => [...document.querySelectorAll(parts)].map((part) => part.getBoundingClientRect());
+  const meet = (a, b) => a.left < b.right && b.left < a.right && a.top < b.bottom && b.top < a.bottom;
+  const names = boxes("#plot .annotation-text");
+  return [names.length, names.filter((name) => boxes("#plot .points path").some((mark) => meet(name, mark))).length];
+})()"""
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("width", [400, 1400])
+@pytest.mark.parametrize("cost", ["sops", "ms", "nJ", "spikes"])
+def test_in_a_browser_a_line_has_the_name_of_the_verdict_and_no_mark_in_it(chromium, rivalled, width, cost):
+    chromium.open(f"{rivalled.as_uri()}#cost={cost}", width)
+    chromium.wait_for(f"{DRAWN} && document.querySelector('#plot .annotation-text')")
+    name = chromium.evaluate("document.getElementById('plot').layout.annotations[0].text")
+    assert "logistic regression on signals (mean and deviation) 90.0" in name.replace("<br>", " ")
+    assert "logistic regression on signals (mean and deviation): 90.0" in Page(rivalled).text.replace("\xa0", " ")
+    assert chromium.evaluate(OVER) == [1, 0]
+
+
+@pytest.mark.slow
+def test_in_a_browser_a_window_of_another_size_keeps_the_whole_picture(chromium, rivalled):
+    chromium.open(rivalled, 1400)
+    chromium.wait_for(DRAWN)
+    for width, height in ((400, 900), (400, 1200), (1400, 900)):
+        size = {"width": width, "height": height, "deviceScaleFactor": 1, "mobile": False}
+        chromium.call("Emulation.setDeviceMetricsOverride", **size)
+        plot = "document.getElementById('plot')"
+        chromium.wait_for(f"Math.abs({plot}._fullLayout.width - {plot}.clientWidth) < 2")
+        chromium.wait_for(f"{plot}._fullLayout.height === {plot}.clientHeight && {plot}.clientHeight > 440")
+        chromium.wait_for("document.querySelector('#plot .annotation-text')")
+        assert chromium.evaluate(OVER) == [1, 0]
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("folded", [False, True])
+def test_in_a_browser_no_table_of_the_answer_is_wider_than_a_phone(chromium, rivalled, folded):
+    chromium.open(rivalled, 400)
+    chromium.wait_for(DRAWN)
+    opened = f"document.querySelectorAll('#answer details').forEach((one) => {{ one.open = {str(folded).lower()}; }})"
+    chromium.evaluate(opened)
+    widths = "[...document.querySelectorAll('#answer .scroll')].map((one) => one.scrollWidth - one.clientWidth)"
+    assert set(chromium.evaluate(widths)) == {0}
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("width", [400, 1400])
+def test_in_a_browser_names_of_a_legend_end_before_the_next_column(chromium, rivalled, width):
+    chromium.open(rivalled, width)
+    chromium.wait_for(DRAWN)
+    ends = (
+        "[...document.querySelectorAll('#plot .legend .traces')].map((entry) => {"
+        "const text = entry.querySelector('.legendtext').getBoundingClientRect();"
+        "return [text.left, text.right, text.top, text.bottom]; })"
+    )
+    entries = chromium.evaluate(ends)
+    assert len(entries) > 4
+    for left, right, top, bottom in entries:
+        beside = [one[0] for one in entries if one[0] > left and one[2] < bottom and top < one[3]]
+        assert right < min([*beside, float(width)])
+    assert len({round(entry[0]) for entry in entries}) == 2
+
+
 @pytest.mark.slow
 def test_in_a_browser_the_keyboard_sorts_the_table_and_shows_a_network(chromium, written):
     chromium.open(written, 1400)
@@ -650,6 +731,11 @@ def test_trials_of_all_trainings_bound_the_loss_together(monkeypatch):
     assert bound("a", "of an earlier version") is bound() is None
 
 
+def test_no_two_landmarks_of_a_page_have_one_name(written):
+    named = Page(written).landmarks
+    assert len(named) == len({*named}) > 3
+
+
 def test_classes_stand_in_their_natural_order():
     encoding = pd.DataFrame({"label": ["class 10", "class 2", "class 1"]})
     assert name_classes(encoding, None).order == ("class 1", "class 2", "class 10")
@@ -674,6 +760,7 @@ def test_in_a_browser_the_address_holds_what_is_chosen(chromium, written):
     assert set(address[1:].split("&")) >= expected
     chromium.evaluate("window.isOld = true; window.location.reload()")
     chromium.wait_for(f"!window.isOld && document.readyState === 'complete' && {DRAWN}")
+    assert set(chromium.evaluate("window.location.hash")[1:].split("&")) >= expected
     assert json.loads(chromium.evaluate(STATE)) == {"cost": "ms", "scale": "log"}
     assert chromium.evaluate("document.getElementById('plot')._fullLayout.xaxis.type") == "log"
     assert not chromium.evaluate("document.querySelector('#pairs input').checked")
@@ -685,7 +772,7 @@ def test_in_a_browser_the_address_holds_what_is_chosen(chromium, written):
         "[...document.querySelectorAll('.answer')].filter((part) => !part.hidden).map((part) => part.dataset.setting)"
     )
     assert set(chromium.evaluate(shown)) == {"v1 mix"}
-    assert "A: 1&5 ms, N = 20" in chromium.evaluate("document.getElementById('compared').textContent")
+    assert "A: 1&5 ms, 20 neurons" in chromium.evaluate("document.getElementById('compared').textContent")
     assert_quiet(chromium, written)
 
 

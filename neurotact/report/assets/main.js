@@ -64,6 +64,14 @@ function filterBoxes(id, values, without) {
   }
 }
 
+/* A choice by hand, which the address keeps even where the page begins with it: after another run it may not. */
+function pick(id) {
+  study.chosen[id] = byId(id).value;
+  delete study.beginning[id];
+  settle();
+  redraw();
+}
+
 function begin() {
   study.beginning = { setting: study.cells[study.best].setting, cost: "sops", scale: "linear", points: "means", kinds: "both", one: "", other: "", without: "" };
   const asked = stateOfAddress();
@@ -72,11 +80,8 @@ function begin() {
   Object.assign(study.chosen, { one: asked.get("one") ?? "", other: asked.get("other") ?? "" });
   const left = new Set((asked.get("without") ?? "").split(" "));
   study.without = { pairs: new Set(study.pairs.filter((pair) => left.has(pair))), sizes: new Set(study.sizes.map(String).filter((size) => left.has(size))) };
-  for (const id of CHOICES) {
-    byId(id).value = study.chosen[id];
-    byId(id).addEventListener("change", () => { study.chosen[id] = byId(id).value; settle(); redraw(); });
-  }
-  for (const id of ["one", "other"]) byId(id).addEventListener("change", () => { study.chosen[id] = byId(id).value; settle(); redraw(); });
+  for (const id of CHOICES) byId(id).value = study.chosen[id];
+  for (const id of [...CHOICES, "one", "other"]) byId(id).addEventListener("change", () => pick(id));
   filterBoxes("pairs", study.pairs, study.without.pairs);
   filterBoxes("sizes", study.sizes, study.without.sizes);
   if (!study.stepMs) for (const cost of ["ms", "nJ"]) byId("cost").querySelector(`[value=${cost}]`).disabled = true;

@@ -43,6 +43,22 @@ function show(changed) {
   keepInAddress(study.shown, study.beginning);
 }
 
+/* Scores of which 1 is perfect, some much nearer to it than others: their distance from 1 has a logarithmic axis. */
+function isBent() {
+  const left = study.points.filter(isShown).map((point) => 1 - point.y);
+  return study.whole == null && Math.min(...left) > 0 && Math.max(...left) > 30 * Math.min(...left);
+}
+
+/* The height of a score on the axis. */
+function up(score) {
+  return isBent() ? -Math.log10(Math.max(1 - score, 1e-6)) : score;
+}
+
+function bentTicks() {
+  const scores = [-1, 0, 1, 2, 3, 4].flatMap((power) => [1, 0.5, 0.2].map((part) => 1 - part * 10 ** -power));
+  return isBent() ? { tickvals: scores.map(up), ticktext: scores.map((score) => String(Number(score.toFixed(6)))) } : {};
+}
+
 function isShown(point) {
   return point.y != null && (!settings.length || point.setting === study.shown.setting);
 }
@@ -51,9 +67,10 @@ function isShown(point) {
 function markTraces() {
   const front = study.fronts[study.shown.setting];
   const both = front?.best === front?.cheapest;
-  const marks = !front ? [] : both ? [["best and cheapest", front.best, 19]] : [["best", front.best, 19], ["cheapest within error", front.cheapest, 21]];
+  const of = study.points[front?.best]?.series.startsWith("network") ? " network" : "";  // chosen among networks, beside rivals
+  const marks = !front ? [] : both ? [[`best and cheapest${of}`, front.best, 19]] : [[`best${of}`, front.best, 19], [`cheapest${of} within error`, front.cheapest, 21]];
   return marks.filter(([, index]) => costOf(study.points[index]) != null).map(([name, index, size]) => ({
-    type: "scatter", mode: "markers", name, cliponaxis: false, hoverinfo: "skip", x: [costOf(study.points[index])], y: [study.points[index].y],
+    type: "scatter", mode: "markers", name, cliponaxis: false, hoverinfo: "skip", x: [costOf(study.points[index])], y: [up(study.points[index].y)],
     marker: { symbol: name.startsWith("best") ? "circle-open" : "square-open", size, color: style("--ink"), line: { width: 1.8 } },
   }));
 }
@@ -64,20 +81,15 @@ function frontTrace() {
   let best = -Infinity;
   const front = points.filter((point) => point.y > best && ((best = point.y), true));
   return {
-    type: "scatter", mode: "lines", name: "Pareto front", hoverinfo: "skip", x: front.map(costOf), y: front.map((p) => p.y),
+    type: "scatter", mode: "lines", name: "Pareto front", hoverinfo: "skip", x: front.map(costOf), y: front.map((p) => up(p.y)),
     line: { shape: "hv", dash: "dash", width: 1.2, color: style("--soft") },
   };
 }
 
-/* A line at guessing, with its name. */
+/* A line at guessing where it leaves the points room. */
 function chanceLine() {
-  const chance = study.fronts[study.shown.setting]?.chance;
-  if (chance == null) return {};
-  const colour = style("--soft");
-  return {
-    shapes: [{ type: "line", xref: "paper", x0: 0, x1: 1, y0: chance, y1: chance, line: { color: colour, width: 1.3, dash: "dot" } }],
-    annotations: [{ xref: "paper", x: 0.01, xanchor: "left", y: chance, yanchor: "bottom", showarrow: false, text: `guessing ${chance.toFixed(1)}`, font: { color: colour, size: 11 } }],
-  };
+  const chance = study.fronts[study.shown.setting]?.chance, line = { y: chance, words: `guessing ${chance?.toFixed(1)}`, colour: style("--soft"), dash: "dot" };
+  return near(chance == null ? [] : [line], study.points.filter(isShown).map((point) => point.y));
 }
 
 function seriesTrace(name, index) {
@@ -85,10 +97,10 @@ function seriesTrace(name, index) {
   const points = here.map((i) => study.points[i]);
   const colour = style(`--series-${index % SYMBOLS.length}`), round = Math.floor(index / SYMBOLS.length), open = round % 4 === 1 || round % 4 === 2;
   return {
-    type: "scatter", mode: "markers", name: plain(name), x: points.map(costOf), y: points.map((p) => p.y), customdata: here,
-    text: points.map((p) => plain(p.name)), hovertemplate: `<b>%{text}</b><br>${study.score}: %{y:.1f}<br>${costHead()}: %{x:,.4~g}<extra></extra>`,
+    type: "scatter", mode: "markers", name: plain(name), x: points.map(costOf), y: points.map((p) => up(p.y)), customdata: here,
+    text: points.map((p) => `<b>${plain(p.name)}</b><br>${plain(study.score)}: ${short(p.y)}`), hovertemplate: `%{text}<br>${costHead()}: %{x:,.4~g}<extra></extra>`,
     error_y: {
-      type: "data", symmetric: false, arrayminus: points.map((p) => p.bar[0]), array: points.map((p) => p.bar[1]),
+      type: "data", symmetric: false, arrayminus: points.map((p) => up(p.y) - up(p.y - p.bar[0])), array: points.map((p) => up(p.y + p.bar[1]) - up(p.y)),
       color: colour, thickness: 1, width: 2,
     },
     cliponaxis: false,
@@ -105,16 +117,15 @@ function redraw() {
   const chosen = study.points[study.chosen];
   if (chosen && isShown(chosen)) {
     traces.push({
-      type: "scatter", mode: "markers", name: "selected", cliponaxis: false, hoverinfo: "skip", x: [costOf(chosen)], y: [chosen.y],
+      type: "scatter", mode: "markers", name: "selected", cliponaxis: false, hoverinfo: "skip", x: [costOf(chosen)], y: [up(chosen.y)],
       marker: { symbol: "circle-open", size: 14, color: style("--ink"), line: { width: 2.5 } },
     });
   }
   return draw(plotly, host, traces, {
     ...sharedLayout(host.clientWidth < 600),
-    ...chanceLine(),
     xaxis: { ...axisStyle(), title: { text: plain(costHead()), standoff: 8 }, type: study.shown.scale },
-    yaxis: { ...axisStyle(), ...(study.whole == null ? {} : within(study.whole)), title: { text: plain(study.score) } },
-  });
+    yaxis: { ...axisStyle(), ...(study.whole == null ? {} : within(study.whole)), ...bentTicks(), title: { text: plain(study.score) } },
+  }, chanceLine());
 }
 
 for (const part of document.querySelectorAll(".scripted")) part.hidden = false;

@@ -6,9 +6,10 @@ function stateOfAddress() {
   return new URLSearchParams(text.includes("=") ? text : "");
 }
 
-/* Write choices other than the defaults into the address; the history gets no entry. */
+/* Write choices other than the defaults into the address, and those that it holds; the history gets no entry. */
 function keepInAddress(chosen, beginning) {
-  const changed = Object.entries(chosen).filter(([key, value]) => String(value) !== String(beginning[key]));
+  const held = stateOfAddress();
+  const changed = Object.entries(chosen).filter(([key, value]) => String(value) !== String(beginning[key]) || (value && held.has(key)));
   const text = new URLSearchParams(changed).toString();
   if (text || window.location.hash.includes("=")) window.history.replaceState(null, "", text ? `#${text}` : "#");
 }

@@ -91,18 +91,12 @@ function keyTraces(study, kinds) {
   ];
 }
 
-/* Lines at the baseline chosen on validation and at guessing, with their names on the right. */
+/* Lines at the rival that the verdict names and at guessing. */
 function levels(front) {
   if (!front) return [];
   const found = [[front.guess, "guessing", "dot", "--soft"]];
-  if (front.baseline) found.push([front.baseline.accuracy, "baseline chosen on validation", "dashdot", "--no"]);
-  return found.map(([share, words, dash, colour]) => ({ y: 100 * share, words: `${words} ${percent(share)}`, dash, colour: style(colour) }));
-}
-
-/* The lines that leave the points at least a third of the axis: the table names the others. */
-function near(lines, heights) {
-  const least = Math.min(...heights), room = 2 * Math.max(10, Math.max(...heights) - least);
-  return lines.filter((line) => line.y >= least - room);
+  if (front.beside) found.push([front.beside.accuracy, front.beside.name, "dashdot", "--no"]);
+  return found.map(([share, words, dash, colour]) => ({ y: 100 * share, words: `${plain(words)} ${percent(share)}`, dash, colour: style(colour) }));
 }
 
 function drawTradeOff(plotly, host, study) {
@@ -115,18 +109,18 @@ function drawTradeOff(plotly, host, study) {
     ...markTraces(study, points, kinds),
   ];
   const drawn = kinds.flatMap((kind) => drawable(points, kind, chosen.cost).map((p) => 100 * p[kind].accuracy));
-  const lines = near(levels(study.fronts[chosen.setting]), drawn), heights = [...drawn, ...lines.map((l) => l.y)];
-  const low = Math.max(0, Math.min(...heights) - 5), high = Math.min(100, Math.max(...heights) + 5);
+  const lines = near(levels(study.fronts[chosen.setting]), drawn), ends = traces.filter((trace) => trace.error_y).flatMap(({ y, error_y: bar }) =>
+    [{ y: y[0] - bar.arrayminus[0] }, { y: y[0] + bar.array[0] }]);
+  const heights = [...drawn, ...[...lines, ...near(ends, drawn)].map((line) => line.y)], edge = 0.06 * (Math.max(...heights) - Math.min(...heights)) + 0.5;
+  const low = Math.max(0, Math.min(...heights) - edge), high = Math.min(100, Math.max(...heights) + edge);
+  const costs = kinds.flatMap((kind) => drawable(points, kind, chosen.cost).map((p) => p[kind][chosen.cost]));
+  const isFromZero = chosen.scale === "linear" && Math.min(...costs) < 0.4 * Math.max(...costs);
   const narrow = host.clientWidth < 600, shared = sharedLayout(narrow);
   return draw(plotly, host, traces, {
     ...shared, height: narrow ? 500 : 450,
-    shapes: lines.map((line) => ({ type: "line", xref: "paper", x0: 0, x1: 1, y0: line.y, y1: line.y, line: { color: line.colour, width: 1.3, dash: line.dash } })),
-    annotations: lines.map((line) => ({
-      xref: "paper", x: 0.01, xanchor: "left", y: line.y, yanchor: line.y > high - 4 ? "top" : "bottom", text: line.words, showarrow: false, font: { color: line.colour, size: 11 },
-    })),
-    xaxis: { ...axisStyle(), title: { text: COSTS[chosen.cost].words, standoff: 8 }, type: chosen.scale, ...(chosen.scale === "linear" ? { rangemode: "tozero" } : {}) },
+    xaxis: { ...axisStyle(), title: { text: COSTS[chosen.cost].words, standoff: 8 }, type: chosen.scale, ...(isFromZero ? { rangemode: "tozero" } : {}) },
     yaxis: { ...axisStyle(), ...within(100), range: [low, high], title: { text: "test accuracy (%)" } },
     legend: { ...shared.legend, title: { text: `${plain(study.pairWord).replace("t_ref", "t<sub>ref</sub>")} (ms) `, side: "top" } },
     uirevision: JSON.stringify([chosen.setting, chosen.cost, chosen.scale, chosen.kinds]),
-  });
+  }, lines);
 }

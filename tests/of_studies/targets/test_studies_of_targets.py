@@ -8,6 +8,7 @@ from types import SimpleNamespace
 import numpy as np
 import pandas as pd
 import pytest
+from browser import browser
 from hypothesis import given
 from hypothesis import strategies as st
 from in_process import studies_here, typed, without_pictures
@@ -516,6 +517,82 @@ def test_the_cheapest_within_the_error_is_chosen_on_validation_and_energy_compar
     assert compared.comparable is fair
     (figure,) = (one for one in words.screen("all", compared, ["force_N"], "p", "c").figures if "energy" in one.what)
     assert figure.against.startswith("10 times as much as ridge regression")
+
+
+@pytest.mark.parametrize(("chosen", "which"), [("5&5", "it"), ("1&1", "5&5 ms")])
+def test_the_first_screen_tells_the_period_and_what_it_saves(chosen, which):
+    spent = {"1&1": 40.0, "5&5": 30.0, "10&10": 20.0}
+    held = {pair: NETWORK.held if pair == chosen else dict.fromkeys(NETWORK.held, 0.5) for pair in spent}
+    held["5&5"] = {name: max(0.6, held["5&5"][name]) for name in NETWORK.held}
+    every = [NETWORK._replace(nJ=nJ, sops=nJ, pair=pair, held=held[pair], source=f"spikes of {pair} ms")
+             for pair, nJ in spent.items()]  # fmt: skip
+    said = words.screen("all", Compared.of(every, []), ["force_N"], "p", "c").period
+    assert said.startswith(
+        f"Validation prefers a refractory period of {chosen} ms: beside 1&1 ms, both with 20 neurons, "
+    )
+    assert f", {which} takes 25 % fewer SOPs and 25 % less energy, and has a score of 0.810 against 0.810, no" in said
+    one = [NETWORK._replace(pair="5&5"), NETWORK._replace(pair="1&1", kind="network, no hidden layer")]
+    assert words.screen("all", Compared.of(one[:1], []), ["force_N"], "p", "c").period == ""
+    assert words.screen("all", Compared.of(one, []), ["force_N"], "p", "c").period == ""
+
+
+def test_the_first_five_rows_are_the_chosen_network_and_the_best_rivals():
+    others = [way(f"rival {n}", 0.5 + 0.01 * n, 3.0) for n in range(20)]
+    (table,) = words.screen("all", Compared.of([NETWORK], others), ["force_N"], "p", "c").tables
+    assert [row[0].partition(" on ")[0] for row in table.few.rows] == [
+        "network, 20 neurons", "rival 19", "rival 18", "rival 17", "rival 16",
+    ]  # fmt: skip
+
+
+@pytest.mark.parametrize("kind", ["numbers", "events"])
+def test_the_next_step_tests_every_trial_and_then_takes_the_network_along(kind, request):
+    found = request.getfixturevalue(kind)
+    page = (found.folder / "report.html").read_text()
+    again = f"neurotact study run {found.folder}/study.toml --folds 5 -o {found.folder}-folds"
+    assert (again in page) == (found.study.split == SplitSpec())
+    split = SplitSpec(folds=5)
+    folded = found.study.model_copy(update={"split": split})
+    said, commands = report._next(folded, found.folder, "cells/a")
+    file = found.study.dataset.file
+    export = f"neurotact export {found.folder}/cells/a --to c --recordings {file} -o {found.folder}/c"
+    assert (said, commands) == (("Take the chosen network along, as C:", [export]) if kind == "numbers" else ("", ()))
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(("width", "scheme"), [(400, "dark"), (1400, "light")])
+@pytest.mark.parametrize("kind", ["numbers", "events"])
+def test_in_a_browser_a_page_has_five_rows_and_is_accessible(kind, width, scheme, request, tmp_path):
+    with browser(tmp_path / "profile") as chromium:
+        chromium.open(request.getfixturevalue(kind).folder / "report.html", width, scheme=scheme)
+        chromium.wait_for("document.querySelector('#plot .points path')")
+        assert chromium.evaluate("document.querySelector('#answer .scroll tbody').rows.length") <= 5
+        chromium.assert_accessible()
+        assert chromium.evaluate("document.documentElement.scrollWidth") <= width
+        assert chromium.complaints == []
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(
+    ("scores", "is_bent"), [((0.6, 0.998), True), ((-2.0, 0.95), True), ((0.6, 0.7), False), ((0.6, 1.0), False)]
+)
+def test_in_a_browser_scores_near_1_have_room(scores, is_bent, numbers, tmp_path):
+    given = iter(scores)
+    page = tmp_path / "report.html"
+    page.write_text(re.sub(r'"y":[0-9.]+', lambda _: f'"y":{next(given)}', (numbers.folder / page.name).read_text()))
+    with browser(tmp_path / "profile") as chromium:
+        chromium.open(page, 1400)
+        chromium.wait_for("document.querySelector('#plot .points path')")
+        drawn = dict(chromium.evaluate(
+            "document.getElementById('plot').data.flatMap((t) => (t.customdata ?? []).map((i, at) => [i, t.y[at]]))"
+        ))  # fmt: skip
+        axis = chromium.evaluate(
+            "(({ tickvals, ticktext }) => [tickvals, ticktext])(document.getElementById('plot').layout.yaxis)"
+        )
+    heights = [-np.log10(1 - score) for score in scores] if is_bent else scores
+    assert drawn == {n: pytest.approx(height) for n, height in enumerate(heights)}
+    assert (axis[0] is not None) == is_bent
+    for height, text in zip(*axis, strict=True) if is_bent else ():
+        assert float(text) == pytest.approx(1 - 10**-height)
 
 
 # Refusals
