@@ -1,9 +1,11 @@
 """The package that docs/plugins.md shows: installed apart from neurotact, each of its parts is used by its name."""
 
+import re
 import runpy
 import shutil
 import sys
 import tomllib
+from html import unescape
 from pathlib import Path
 
 import pandas as pd
@@ -163,6 +165,10 @@ def test_the_study_of_encoders_has_a_row_of_the_package(recorded, tmp_path):
         nt.run_study("which-encoder", tmp_path / "run", changes, data=recorded, quick=True, workers=1)
     table = pd.read_csv(tmp_path / "run" / "encoders.csv").set_index("encoder")
     assert table["energy_estimate_nJ"].notna().to_dict() == {"send-on-delta": True, "crossings": True}
+    page = unescape((tmp_path / "run" / "report.html").read_text())
+    headline, rest = re.search(r'<p class="headline">(.*?)</p>\n<p class="words">(.*?)</p>', page).groups()
+    assert re.fullmatch(r"[A-Z][^;]*\.", headline)  # one sentence
+    assert rest.startswith("The cheapest within the error of the best is ")
 
 
 @pytest.mark.thorough

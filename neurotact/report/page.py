@@ -178,15 +178,16 @@ def if_there(path: Path) -> dict[str, Any]:
 
 
 def parted(sentences: str) -> tuple[str, str]:
-    """The first statement of an answer, and the rest of it.
+    """The first statement of an answer, and the rest of it, as sentences. A name such as `sa1-ra1-lif` stays as it is.
 
     >>> parted("gratings: it saves too little; a network has 100 %. It is cheap.")
-    ('gratings: it saves too little;', 'a network has 100 %. It is cheap.')
+    ('gratings: it saves too little.', 'A network has 100 %. It is cheap.')
     >>> parted("It is even.")
     ('It is even.', '')
     """
     first, _, rest = _END.sub("\n", sentences, count=1).partition("\n")
-    return first, rest
+    is_word = re.match(r"[a-z]+( |,)", rest)
+    return re.sub(";$", ".", first), rest[0].upper() + rest[1:] if is_word else rest
 
 
 def typed(text: str, option: str) -> str:

@@ -69,7 +69,7 @@ def write(study: WayStudy, folder: Path) -> Path:
         specs={"Parameters": to_toml(parameters), "Data": to_toml(study.parameters.get("data", {}))},
         seeds=study.sweep.get("seed", [study.parameters.get("seed", 0)]),
         data=page.if_there(folder / "data.json"),
-        answers=told.answers,
+        answers=sorted(told.answers, key=lambda said: bool(page.parted(said)[1])),  # those of one sentence first
         cautions=told.cautions,
         **shown,
     )

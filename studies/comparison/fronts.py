@@ -373,8 +373,11 @@ def _by_lists(rows: pd.DataFrame) -> str:
         own = period <= other or np.isnan(other)
         least, next_ = (period, other) if own else (other, period)
         groups.setdefault(f"a {REFRACTORY}" if own else str(first["way"]), []).append((str(name), least, next_))
-    said = [f"{way} by {_leaves(way, found)}" for way, found in groups.items()]
-    return f"of the ways that keep the accuracy, the least energy is left with {'; with '.join(said)}." if said else ""
+    if not groups:
+        return ""
+    said = "; ".join(f"{way} by {_leaves(way, found)}" for way, found in groups.items())
+    verdict = "prices decide which way leaves" if len(groups) > 1 else "by all prices one way leaves"
+    return f"{verdict} the least energy. Of those that keep the accuracy it is {said}."
 
 
 def _leaves(way: str, found: Sequence[tuple[str, float, float]]) -> str:

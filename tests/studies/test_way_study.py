@@ -201,6 +201,16 @@ def test_the_report_shows_claims_figures_and_every_configuration(finished):
     assert not re.search(r"(src|href|url\()\s*=?\s*[\"']?\s*(https?:)?//", page)
 
 
+def test_an_answer_of_one_sentence_is_the_headline_and_others_follow(finished, tmp_path, monkeypatch):
+    shutil.copytree(finished, tmp_path / "run")
+    said = ["heads: none is best; it takes two tosses. They fall.", "All rules are right."]
+    monkeypatch.setattr(way.module_of("coins"), "answers", lambda _: said)
+    report.write(tmp_path / "run")
+    page = (tmp_path / "run" / "report.html").read_text()
+    headline = page.index('<p class="headline">All rules are right.</p>')
+    assert headline < page.index("<strong>heads: none is best.</strong> It takes two tosses. They fall.</p>")
+
+
 def test_the_first_screen_answers_before_anything_else(finished):
     page = (finished / "report.html").read_text()
     view = way.module_of("coins").VIEW

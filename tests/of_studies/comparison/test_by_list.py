@@ -153,17 +153,20 @@ def test_a_list_by_which_a_row_has_no_energy_says_nothing_of_ways():
     assert {name for name in names() if name not in found} == {"memory-45nm-events"}
 
 
-def test_one_sentence_says_which_way_leaves_least_by_which_lists():
+def test_it_is_said_which_way_leaves_least_by_which_lists():
     results = ways(**{"refractory period": (0.9, 900, 100), "fewer taxels": (0.9, 600, 900)})
     said = fronts.answers(results)[-1]
     assert said.startswith(
-        "Of the ways that keep the accuracy, the least energy is left with a refractory period by mem"
+        "Prices decide which way leaves the least energy. Of those that keep the accuracy it is a refractory"
     )
     assert said.endswith(
-        "with fewer taxels by arithmetic-45nm, loihi, memory-45nm-events, xylo (60 to 62 %, a refractory period 85 to "
+        "; fewer taxels by arithmetic-45nm, loihi, memory-45nm-events, xylo (60 to 62 %, a refractory period 85 to "
         "90 %)."
     )
     alone = fronts.answers(ways(**{"refractory period": (0.9, 900, 100)}))[-1]
+    assert alone.startswith(
+        "By all prices one way leaves the least energy. Of those that keep the accuracy it is a ref"
+    )
     assert alone.endswith("the next way saves nothing).")
     without = fronts.answers(ways(**{"fewer taxels": (0.9, 600, 900)}))[-1]
     assert without.endswith("a refractory period saves nothing).")
