@@ -18,9 +18,10 @@ def said(caplog, *warnings) -> list[str]:
 def test_different_warnings_are_all_said_also_where_their_words_are_arguments(caplog, form, places, words):
     different = "names of 2 kinds", "a taxel has one value", "the trials are long"
     assert len(said(caplog, *((form, *places, text, *words) for text in different))) == len(different)
-    same = [(form, *places, f"{n} rows are dropped", *words) for n in (1, 20, 300)]
+    same = [(form, *(f"{place}{n}" for place in places), f"{n} rows are dropped", *words) for n in (1, 20, 300)]
+    same += [(form, *(f"silk {place}" for place in places), "4 rows are dropped", *words)]
     (line,) = said(caplog, *same)
-    assert line.endswith("(and 2 more such lines)")
+    assert line.endswith("(and 3 more such lines)")
     assert "1 rows are dropped" in line
 
 
