@@ -699,7 +699,7 @@ def _suited(spec: EncoderSpec, recordings: Trials) -> tuple[ConditioningSpec, li
         if is_exact(spec):
             note = exact_note(CLOCK_HZ, rate_Hz)
         elif with_integration(spec, (), rate_Hz)[1]:
-            note += "; to compute afferents once per sample, which costs less, set integration = 'exact'"
+            note += "; closed form, which costs less on a slow sensor, is integration = 'exact'"
         notes.append(note)
     return conditioning.model_copy(update=change), notes
 

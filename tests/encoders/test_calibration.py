@@ -175,7 +175,7 @@ def test_slow_recordings_get_a_clock_and_lose_an_impossible_smoothing(caplog):
     assert len(slow.notes) == 2
     assert "30 Hz" in slow.notes[0]
     assert all(note in caplog.text for note in slow.notes)
-    exact = "set integration = 'exact'"
+    exact = "integration = 'exact'"
     assert slow.notes[1].startswith("signals are resampled from 40 to 1000 Hz, the clock of the spikes; ")
     assert slow.notes[1].endswith(exact)
     for spec in (load("sa1-ra1-lif", {"integration": "exact"}), load("send-on-delta")):
