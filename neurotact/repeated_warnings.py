@@ -1,6 +1,7 @@
 """Warnings that are the same for many files, said once: how many there were, and the first of them."""
 
 import logging
+import re
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from functools import wraps
@@ -10,6 +11,7 @@ P = ParamSpec("P")
 T = TypeVar("T")
 
 log = logging.getLogger("neurotact")
+NUMBER = re.compile(r"\d+")
 
 
 @contextmanager
@@ -24,10 +26,12 @@ def _said_once() -> Iterator[None]:
     a.csv: two rows are dropped (and 2 more such lines)
     >>> log.removeHandler(shown)
     """
-    held: dict[str, list[logging.LogRecord]] = {}
+    held: dict[tuple[object, ...], list[logging.LogRecord]] = {}
 
     def hold(record: logging.LogRecord) -> bool:
-        held.setdefault(str(record.msg), []).append(record)
+        form, said = str(record.msg), record.args if isinstance(record.args, tuple) else ()
+        kind = () if form.replace("%s", "").strip(": ") else said[1:] or said  # of "%s: %s" all words are arguments
+        held.setdefault((form, *(NUMBER.sub("0", str(part)) for part in kind)), []).append(record)
         return False
 
     log.addFilter(hold)

@@ -281,6 +281,17 @@ def test_the_command_line_takes_parts_of_another_package(package, monkeypatch, c
     assert (code, len(nt.load(out))) == (0, 6)
 
 
+@pytest.mark.parametrize("command", ["show", "copy"])
+@pytest.mark.parametrize("group", ["encoders", "networks", "prices"])
+def test_a_part_is_told_from_a_spec_that_can_be_shown(package, monkeypatch, capsys, tmp_path, group, command):
+    monkeypatch.chdir(tmp_path)
+    package({group: "my-own = my_skin:PART"})
+    assert said_by(monkeypatch, capsys, command, "my-own") == (
+        2, "neurotact: my-own: is Python of the package my-skin, not a spec; its keys stand there\n"
+    )  # fmt: skip
+    assert "did you mean" in said_by(monkeypatch, capsys, command, "sa1-ra1-lft")[1]
+
+
 def test_a_part_that_can_be_used_is_used(package, capsys, tmp_path):
     package({"readers": "my-skin = my_skin:READER"}, READER)
     assert "my-skin" in plugins.names("readers")

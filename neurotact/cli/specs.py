@@ -51,5 +51,8 @@ def _find_any(name: str) -> Path:
     known = [path for kind in spec.KINDS for path in spec.shipped(kind)]
     paths = [path for path in known if path.stem == name]
     if not paths:
+        for package in (specs.of_other_packages(kind).get(name) for kind in spec.KINDS):
+            if package is not None:
+                raise InputError(f"{name}: is Python of the package {package}, not a spec; its keys stand there")
         raise InputError(f"{name}: there is no such spec; {nearest(name, [path.stem for path in known])}")
     return paths[0]

@@ -206,7 +206,7 @@ def calibrate(
     firing.check_rate(spec, recordings.sampling_rate_Hz)
     asked, spec = spec, with_taxels_of(spec)
     rule = suited_rule(spec, rule, len(recordings.classes))
-    conditioning, notes = _suited(spec.conditioning, recordings, exact=is_exact(spec))
+    conditioning, notes = _suited(spec, recordings)
     shared = share(recordings, rule, steady=steady)
     drawn = shared.trials
     how = conditioning_of(spec.model_copy(update={"conditioning": conditioning}), recordings.sampling_rate_Hz)
@@ -682,14 +682,12 @@ def _turned(conditioned: Excerpts, spec: Encoder, sensitivity: Sensitivity, valu
     return spec.model_copy(update={sensitivity.part: kind}), len(getattr(spec, sensitivity.part).grades) - len(grades)
 
 
-def _suited(
-    conditioning: ConditioningSpec, recordings: Trials, *, exact: bool = False
-) -> tuple[ConditioningSpec, list[str]]:
+def _suited(spec: EncoderSpec, recordings: Trials) -> tuple[ConditioningSpec, list[str]]:
     """Conditioning for recordings of this rate, without standardisation, and the changes.
 
-    exact: whether membranes are in closed form, so that the clock is that of the spikes alone.
+    Where membranes are in closed form, the clock is that of the spikes alone.
     """
-    rate_Hz, notes = recordings.sampling_rate_Hz, []
+    conditioning, rate_Hz, notes = spec.conditioning, recordings.sampling_rate_Hz, []
     change: dict[str, float | None] = {"offset": None, "scale": None, "taxels": None}
     cutoff_Hz = conditioning.ema_cutoff_Hz
     if cutoff_Hz is not None and cutoff_Hz >= rate_Hz / 2:
@@ -697,11 +695,12 @@ def _suited(
         notes.append(f"the EMA at {cutoff_Hz:g} Hz is left out: {rate_Hz:g} Hz recordings end at {rate_Hz / 2:g} Hz")
     if conditioning.resample_Hz is None and rate_Hz < CLOCK_HZ:
         change["resample_Hz"] = CLOCK_HZ
-        signals = (
-            f"signals are resampled from {rate_Hz:g} to {CLOCK_HZ:g} Hz, since a step at {rate_Hz:g} Hz is longer than "
-            "a refractory period of 1 ms"
-        )
-        notes.append(exact_note(CLOCK_HZ, rate_Hz) if exact else signals)
+        note = f"signals are resampled from {rate_Hz:g} to {CLOCK_HZ:g} Hz, the clock of the spikes"
+        if is_exact(spec):
+            note = exact_note(CLOCK_HZ, rate_Hz)
+        elif with_integration(spec, (), rate_Hz)[1]:
+            note += "; closed form, which costs less on a slow sensor, is integration = 'exact'"
+        notes.append(note)
     return conditioning.model_copy(update=change), notes
 
 

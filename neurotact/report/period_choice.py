@@ -41,7 +41,7 @@ MINUS = "\u2212"
 
 
 class Evidence(NamedTuple):
-    """What a network saves beside another one of the same size, and what it costs, all as shares.
+    """What a network saves beside another one, and what it costs, all as shares.
 
     sops, nJ: what it saves, with the interval over trainings; nJ is None where it is not counted. lost: of the accuracy
     on test trials. seen: of that on validation trials, and whether splits show that to be clear.
@@ -83,9 +83,9 @@ class Places(NamedTuple):
 class PeriodChoice(NamedTuple):
     """The refractory period of one answer.
 
-    network: the chosen one. other: what it is compared with: the shortest period at its size; where the shortest is
-    chosen, the best longer one. larger: the best network of the shortest period where that has another size, with its
-    evidence. why: what is in doubt; empty if nothing is. fix: which remedy, of `unclear`.
+    network: the chosen one. other: what it is compared with: the shortest period at its size (`_peers`); where the
+    shortest is chosen, the best longer one. larger: the best network of the shortest period where that is another one,
+    with its evidence. why: what is in doubt; empty if nothing is. fix: which remedy, of `unclear`.
     """
 
     kind: Kind
@@ -116,9 +116,15 @@ def chosen(networks: Sequence[Network], trials: Trials) -> Network | None:
     ('5&5', None)
     """
     found = networks[referee.cheapest_of([network.way(trials) for network in networks])]
-    pairs = {one.pair for one in networks if one.hidden == found.hidden} - {periods.NONE}
+    pairs = {found.pair, *(one.pair for one in _peers(networks, found))} - {periods.NONE}
     shortest = min((one.pair for one in networks), key=lambda pair: sum(periods.sizes(pair)))
     return found if len(pairs) > 1 and shortest in pairs else None
+
+
+def _peers(networks: Sequence[Network], found: Network) -> list[Network]:
+    """The networks of other periods to compare one with: of its size, or all where each period searched a size."""
+    is_searched = len({one.pair for one in networks}) == len(networks)
+    return [one for one in networks if one.pair != found.pair and (is_searched or one.hidden == found.hidden)]
 
 
 def noise_of(network: Network, trials: Trials) -> float:
@@ -147,7 +153,7 @@ def choose(
     if found is None:
         return None
     shortest = min((one.pair for one in outcome.rows), key=lambda pair: sum(periods.sizes(pair)))
-    peers = [one for one in outcome.rows if one.hidden == found.hidden and one.pair != found.pair]
+    peers = _peers(outcome.rows, found)
     longer = [one for one in peers if one.pair != shortest]
     is_longer = found.pair != shortest
     other = next((one for one in peers if one.pair == shortest), None) if is_longer else None
@@ -155,7 +161,7 @@ def choose(
     evidence = compared(found, other) if is_longer else compared(other, found)
     alone = [one for one in outcome.rows if one.pair == shortest]
     best = alone[referee.best_of([one.way(outcome.trials) for one in alone])]
-    larger = (best, compared(found, best)) if is_longer and best.hidden != found.hidden else None
+    larger = (best, compared(found, best)) if is_longer and best is not other else None
     against = [evidence] if is_longer else [compared(one, found) for one in longer]
     why, fix = _in_doubt(outcome, found, evidence, against, untold, tolerance)
     kind = "unclear" if why else "use" if is_longer else "none"
@@ -225,27 +231,27 @@ def in_words(choice: PeriodChoice, sure: Sure, populations: Sequence[str] = (), 
     time. sample_ms: between samples of the sensor.
     """
 
-    def named(network: Network) -> str:
-        return f"{_period(network.pair, populations)}{_short(network.pair, sample_ms)}"
+    def named(network: Network, *, is_said: bool = False) -> str:
+        short = "" if is_said else _short(network.pair, sample_ms)
+        return f"{_period(network.pair, populations)}{short}{'' if both else network.with_size}"
 
     def other_named(network: Network) -> str:
-        is_said = periods.is_short(longer.pair, sample_ms)
-        return f"{_period(network.pair, populations)}{'' if is_said else _short(network.pair, sample_ms)}"
+        return named(network, is_said=periods.is_short(longer.pair, sample_ms))
 
     what = "t_ref" if populations else "a dead time (t_ref)"
     network, other, longer = choice.network, choice.other, choice.longer
     size = network.with_size
+    both = f", both{size}" if size and size == other.with_size else ""
     between = _basis(sure)
     if choice.kind == "use":
-        against = f"against {other_named(other)}{size and f', both{size}'}"
+        against = f"against {other_named(other)}{both}"
         more = _beside_larger(choice, populations)
         return f"Use {what} of {named(network)}: it {_gain(choice.evidence)}, {against}{more}; {between}."
     if choice.kind == "none":
         return (
             f"No refractory period pays on these recordings: the best longer one, {named(longer)}, "
-            f"{_gain(choice.evidence)}, against {other_named(network)}{size and f', both{size}'}; {between}."
+            f"{_gain(choice.evidence)}, against {other_named(network)}{both}; {between}."
         )
-    both = size and f", both{size}"
     if longer is network:
         said = f"Validation prefers {named(longer)}: it {_gain(choice.evidence)}, against {other_named(other)}{both}"
     else:

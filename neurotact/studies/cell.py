@@ -135,14 +135,15 @@ class LongTraining:
         if seconds < TOLD_S:  # the choices of a recipe take some milliseconds
             return
         spec = self._network()
-        n, epochs = spec.n_trainings, spec.training.epochs if spec.n_hidden else len(INVERSE_PENALTIES)
+        is_trained = spec.own is not None or spec.hidden > 0
+        n, epochs = spec.n_trainings, spec.training.epochs if is_trained else len(INVERSE_PENALTIES)
         most = n * epochs
         at("train", self._n_epochs, most, f", loss {epoch.train_loss:.3g}, validation {epoch.validation_accuracy:.0%}")
         if self._is_judged or not self._says or seconds < JUDGED_S:
             return
         self._is_judged = True
         minutes = seconds / self._n_epochs * most / 60
-        if minutes > LONG_MIN and spec.n_hidden:
+        if minutes > LONG_MIN and is_trained:
             members = f" of {n} trainings" if n > 1 else ""
             say(
                 f"a network takes up to {minutes:.0f} min ({most} epochs{members}); fewer taxels, shorter windows "

@@ -592,7 +592,8 @@ def value_at(cell: Cell, dotted: str) -> Any:
         return cell.encoder.model
     value: Any = cell
     for name in _in_cell(dotted).split("."):
-        value = value[name] if isinstance(value, dict) else getattr(value, name)
+        own = getattr(value, "own", None)  # the keys of a network that is a part, before those of every network
+        value = value[name] if isinstance(value, dict) else getattr(own if hasattr(own, name) else value, name)
     return value
 
 

@@ -12,11 +12,13 @@ from neurotact_parts.studies.publishing.ran import NOTHING, Ran, shared
 from neurotact_parts.studies.publishing.references import has_copies, sets
 
 from neurotact.baselines import opponents
-from neurotact.data.conditioning import ConditioningSpec
+from neurotact.data.conditioning import ACAUSAL, ConditioningSpec
 from neurotact.data.dataset import DatasetSpec
 from neurotact.data.fetch import SETS
 from neurotact.encoders import model as encoders
+from neurotact.encoders.afferents import AfferentSpec
 from neurotact.encoders.model import SENSITIVITY
+from neurotact.encoders.sensitivity import sensitivities_of
 from neurotact.figures.columns import quantity
 from neurotact.networks.definition.specs import RSNNSpec
 from neurotact.studies.loading import Study
@@ -183,9 +185,11 @@ def _encoding(study: StudySpec, ran: Ran) -> Iterator[str]:
         yield f"There were {_value(sorted({*ran.afferents}))} afferents."
     if study.calibrate:
         rate = "" if study.spikes_per_s is None else f", at {study.spikes_per_s:g} spikes per second of an afferent"
-        fitted = ["the baseline", "the standardisation", "the gains"]
-        asked = [key for key in CHOSEN if getattr(study, key) and (key in ALWAYS or has_copies(study))]
-        fitted += [CHOSEN[key] for key in asked]
+        fitted = ["the standardisation", *dict.fromkeys(f"the {one.kind}s" for one in sensitivities_of(encoder))]
+        if encoder.conditioning.baseline in ACAUSAL:  # as `calibration_for` asks; a causal one is the study's own
+            asked = [key for key in CHOSEN if getattr(study, key) and (key in ALWAYS or has_copies(study))]
+            has_sa1 = isinstance(encoder, AfferentSpec)
+            fitted = ["the baseline", *fitted, *(CHOSEN[key] for key in asked if has_sa1 or key == "choose_ema")]
         yield f"These were chosen on the training trials alone: {_value(fitted)}{rate}."
         if _target(study):
             yield from (note for note in study.notes if note.startswith("Gains:"))

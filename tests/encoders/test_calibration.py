@@ -38,6 +38,7 @@ from neurotact.encoders.calibration import (
 from neurotact.encoders.encoding import encode_recordings
 from neurotact.encoders.excerpts import Excerpts, cut, draw, liveliest, numbers_of, permuted
 from neurotact.encoders.gain_search import CalibrationRule
+from neurotact.encoders.specs import load
 from neurotact.errors import InputError
 from neurotact.figures.calibration import draw_calibration
 from neurotact.figures.style import save
@@ -174,6 +175,13 @@ def test_slow_recordings_get_a_clock_and_lose_an_impossible_smoothing(caplog):
     assert len(slow.notes) == 2
     assert "30 Hz" in slow.notes[0]
     assert all(note in caplog.text for note in slow.notes)
+    exact = "integration = 'exact'"
+    assert slow.notes[1].startswith("signals are resampled from 40 to 1000 Hz, the clock of the spikes; ")
+    assert slow.notes[1].endswith(exact)
+    for spec in (load("sa1-ra1-lif", {"integration": "exact"}), load("send-on-delta")):
+        (note,) = [n for n in calibrate(slides(rate_Hz=40.0), spec, rule=RULE).notes if "clock of the spikes" in n]
+        assert exact not in note
+        assert ("resampled" in note) is (spec.model != "lif")
     assert len(encode_recordings(slides(rate_Hz=40.0, unit="count"), slow.encoder)) == 16
 
 

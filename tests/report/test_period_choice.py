@@ -167,6 +167,28 @@ def test_another_size_of_the_best_with_the_shortest_period_is_told_too():
     assert "against 1 ms, both with 20 neurons; against the best with 1 ms, of 50 neurons, it saves 40 %" in said
 
 
+@pytest.mark.parametrize("sizes", [(30, 20), (20, 30), (30, 0), (0, 30)])
+@pytest.mark.parametrize("costs", [(100, 60), (60, 100)])
+def test_periods_that_each_searched_a_size_are_compared_and_each_size_is_named(sizes, costs):
+    known = {"starts": 3, "seeds": 3, "apart": Spread(0.005, 6)}
+    two = [
+        decided(pair, size, 0.95, nJ)._replace(**known)
+        for pair, size, nJ in zip(("5&5", "20&20"), sizes, costs, strict=True)
+    ]
+    choice = choose(two)
+    chosen, other = two if costs[0] < costs[1] else two[::-1]
+    assert (choice.network, choice.other, choice.larger) == (chosen, other, None)
+    said = period_choice.in_words(choice, SURE, ("RA-I", "SA-I"))
+    assert all(f"{name} ms{one.with_size}" in said for name, one in zip(("5", "20"), two, strict=True))
+    assert "both" not in said
+    shared = [*two, decided("20&20", 77, 0.5, 900)]  # where sizes are swept, one of another size is no peer
+    assert period_choice.chosen(shared, Trials(400, 400)) is None
+    parts = [one._replace(hidden=0, is_part=True) for one in two]
+    said = period_choice.in_words(choose(parts), SURE, ("RA-I", "SA-I"))
+    assert " ms" in said
+    assert "both" not in said
+
+
 def test_a_network_without_a_hidden_layer_is_compared_with_such_a_one_and_named_so():
     rows = [("1&1", 0, 0.95, 100), ("10&10", 0, 0.95, 60), ("1&1", 20, 0.951, 300), ("10&10", 20, 0.95, 200)]
     known = {"starts": 3, "seeds": 3, "apart": Spread(0.005, 6)}

@@ -4,6 +4,7 @@ import pytest
 
 from neurotact.networks.definition.specs import RSNNSpec, TrainingSpec
 from neurotact.networks.training.epochs import Epoch
+from neurotact.spec import Spec
 from neurotact.studies import cell
 from neurotact.studies.cell import LongTraining
 
@@ -33,6 +34,19 @@ def test_its_part_tells_losses_and_how_many_fits_there_are_without_a_hidden_laye
         progress(Epoch(2, 0.51234, 0.5, 1.0, 0.8125))
     note = ", loss 0.512, validation 81%"
     assert told == [("train", 1, 40, note), ("train", 1, 5, note)]
+
+
+def test_a_network_that_is_a_part_is_trained_whether_or_not_it_tells_its_neurons(monkeypatch, capsys):
+    own = RSNNSpec(training=TrainingSpec(epochs=4000))
+    own._own = Spec()  # the keys of a part that tells no neurons
+    now, told = iter([0.0, 100.0]), []
+    monkeypatch.setattr(cell, "perf_counter", lambda: next(now))
+    monkeypatch.setattr(cell, "at", lambda *parts: told.append(parts[:3]))
+    progress = LongTraining(lambda: own)
+    for number in (1, 2):
+        progress(Epoch(number, 1.0, 0.5, 1.0, 0.5))
+    assert told == [("train", 1, 4000)]
+    assert "(4000 epochs)" in capsys.readouterr().err
 
 
 def test_a_network_of_minutes_is_said_once_with_what_takes_less(epochs, capsys):

@@ -35,6 +35,23 @@ def test_an_override_of_a_swept_key_ends_its_sweep():
     assert {c.network.hidden for c in study.cells(resolve(network__hidden=9))} == {9}
 
 
+@pytest.mark.parametrize(
+    ("key", "values"),
+    [
+        ("tau_spread", [0.0, 0.5]),
+        ("tau_mem_ms", [5.0, 60.0]),
+        ("hidden", [(4, 2), (2, 4)]),
+        ("learn", [("alpha",), ()]),
+    ],
+)
+def test_a_swept_key_of_a_network_that_is_a_part_has_its_own_value_in_each_cell(key, values):
+    swept = study.resolve(TINY, {"network": "layered", "network.recipe": None, f"network.{key}": values[0]})
+    swept = swept.model_copy(update={"sweep": {f"network.{key}": values}})
+    assert [study.value_at(cell, f"network.{key}") for cell in study.cells(swept)] == values
+    (cell, *_) = study.cells(swept.model_copy(update={"sweep": {"network.training.epochs": [7]}}))
+    assert study.value_at(cell, "network.training.epochs") == 7
+
+
 def test_a_part_is_changed_for_another_spec_by_its_name():
     graded = resolve(encoder="sa1-ra1-lif-graded")
     assert len(graded.encoder.sa1.grades) == 4

@@ -62,7 +62,10 @@ class _Guess(NamedTuple):
 
 GUESSES: dict[str, _Guess] = {
     "time": _Guess(
-        re.compile(r"(times?|timestamps?|ts?|elapsed|seconds|millis|micros|x_value)(?![a-z0-9]).*", re.I | re.S),
+        re.compile(
+            r"(times?|timestamps?|ts?|elapsed|seconds|millis|micros|x_value|zeit(punkt|stempel)?|temps|tempo|tiempo)"
+            r"(?![a-z0-9]).*", re.I | re.S,
+        ),
         "time stamps of samples", "its values fall, as of a temperature `T`, or another one is the time: refused",
     ),
     "row number": _Guess(

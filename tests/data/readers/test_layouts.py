@@ -434,6 +434,14 @@ def test_the_name_of_the_time_column_says_its_unit(tmp_path, name, rate_Hz):
     )
 
 
+@pytest.mark.parametrize("name", ["Zeit [ms]", "zeit_ms", "Zeitstempel (ms)", "Temps [ms]", "tempo_ms", "Tiempo (ms)"])
+def test_a_time_column_is_found_in_other_languages_with_and_without_a_given_rate(tmp_path, name):
+    for label in ("felt", "silk"):
+        write(tmp_path / label / "a.csv", "\n".join([f"{name},a", *(f"{20 * n},{n % 7}" for n in range(50))]) + "\n")
+    found = nt.read_folder(tmp_path, unit="count"), nt.read_folder(tmp_path, 50, "count")
+    assert [(one.sampling_rate_Hz, one.channels) for one in found] == [(50, ("a",))] * 2
+
+
 def test_text_files_are_recordings_where_there_is_nothing_else(tmp_path, caplog):
     for name in ("gel_1.txt", "gel_2.TXT", "foam_1.tsv"):
         write(tmp_path / name, "left\tright\n1\t2\n3\t4\n")

@@ -85,6 +85,25 @@ def test_calibration_may_choose_grades_only_with_varied_copies():
     assert "of several thresholds" not in told(Ran(), study, augmentation=None)
 
 
+def chosen_by_calibration(**changes) -> list[str]:
+    study = loading.resolve("refractory-period", {key.replace("__", "."): value for key, value in changes.items()})
+    study = study.model_copy(update={"calibrate": True, "choose_ema": True, "choose_opposite": True})
+    said = told(Ran(), study).partition("These were chosen on the training trials alone: ")[2].partition(".")[0]
+    return said.replace(" and ", ", ").split(", ")
+
+
+def test_only_what_calibration_chose_of_this_encoder_is_told():
+    whole = [
+        "the baseline", "the standardisation", "the gains", "the cut-off of the moving average",
+        "whether some SA-I follow the falling signal",
+    ]  # fmt: skip
+    assert chosen_by_calibration() == whole
+    assert chosen_by_calibration(encoder__conditioning__baseline="start") == whole[1:3]
+    assert chosen_by_calibration(encoder="izhikevich") == whole[:4]
+    of_changes = chosen_by_calibration(encoder="send-on-delta", encoder__conditioning__baseline="mean")
+    assert of_changes == [*whole[:2], "the thresholds", whole[3]]
+
+
 @pytest.mark.parametrize(("trials", "is_told"), [("644", False), ("1,000", False), ("1001", True)])
 def test_a_limit_of_trials_is_told_where_it_left_some_out(trials, is_told):
     dataset = PERIODS.dataset.model_copy(update={"at_most": 1000})
