@@ -457,7 +457,9 @@ class _OfRun(NamedTuple):
         places = period_choice.Places(self.folder, place, Path(file) if file else None, may_fold=may_fold)
         sure = period_choice.Sure(sides.trials.test, len(cells), choice.network.seeds, each)
         said = period_choice.in_words(choice, sure, periods.populations(self.study), sample_ms)
-        return said, period_choice.next_step(choice, sure, places, sentences.lost_in_encoding(answer))
+        return said, period_choice.next_step(
+            choice, sure, places, sentences.lost_in_encoding(answer), few=answer.kind == "too few trials"
+        )
 
     def _right(self, index: int) -> dict[str, float] | None:
         return result_of(self.folder, self.done[index]).get("right") if index < len(self.done) else None

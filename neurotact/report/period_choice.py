@@ -331,17 +331,20 @@ def _beside_larger(choice: PeriodChoice, populations: Sequence[str]) -> str:
     return f"; against the best with {_period(best.pair, populations)}, {size}, it {_gain(evidence)}"
 
 
-def next_step(choice: PeriodChoice, sure: Sure, places: Places, lost: str = "") -> tuple[str, list[str]]:
+def next_step(
+    choice: PeriodChoice, sure: Sure, places: Places, lost: str = "", *, few: bool = False
+) -> tuple[str, list[str]]:
     """The one thing that decides most, in words, and the commands that do it, which run as they stand.
 
-    lost: how much the encoding loses, if that is much: then neither more tests nor another period help.
+    lost: how much the encoding loses, if that is much: then neither more tests nor another period help. few: whether
+    the test trials are too few to compare networks with their rivals.
     """
     run, cell = places.run.absolute(), places.cell.absolute()
     study = run / "study.toml"
     if lost and places.recordings is not None:
         compared = "study", "run", "which-encoder", "--data", places.recordings, "-o", _beside(run, "encoders")
         return f"{lost}; compare encoders:", [_command(*compared)]
-    if choice.kind != "unclear":
+    if choice.kind != "unclear" and not (few and places.may_fold):
         save = _command("save", cell, *_recorded(places), "-o", _beside(run, "saved"))
         return "Let all ways to save be tried together, or take it along as it is, as C:", [save, as_c(places)]
     if places.may_fold:

@@ -283,6 +283,15 @@ def test_where_the_encoding_loses_much_the_next_step_is_the_encoder_alone(may_fo
         assert period_choice.next_step(choice, SURE, simulated, "x") == period_choice.next_step(choice, SURE, simulated)
 
 
+@pytest.mark.parametrize("may_fold", [False, True])
+def test_where_tests_are_too_few_for_a_verdict_every_trial_is_tested_before_anything_is_taken_along(may_fold):
+    places = Places(Path("/runs/mine"), Path("/runs/mine/cells/x"), Path("/a.h5"), may_fold)
+    clear = choose([decided("1&1", 20, 0.95, 100), decided("10&10", 20, 0.95, 60)])
+    found = period_choice.next_step(clear, SURE, places, few=True)
+    assert found == (period_choice.in_folds(places.run) if may_fold else period_choice.next_step(clear, SURE, places))
+    assert "save" in period_choice.next_step(clear, SURE, places)[1][0]
+
+
 def test_twice_the_trials_are_asked_for_at_least_and_more_for_a_wide_interval():
     wide = choose([decided("1&1", 20, 0.95, 100), decided("10&10", 20, 0.95, 60)],
                   EQUAL._replace(lost=Interval(0.02, -0.22, 0.26)))  # fmt: skip

@@ -228,9 +228,11 @@ def test_the_next_step_knows_what_the_encoding_loses_and_is_the_only_one(written
     folder = tmp_path / "copy"
     shutil.copytree(written.parent, folder)
     monkeypatch.setattr(sentences, "lost_in_encoding", lambda outcome: f"lost by {outcome.best.name}")
-    monkeypatch.setattr(period_choice, "next_step", lambda *given: (given[3], []))
+    told_few = []
+    monkeypatch.setattr(period_choice, "next_step", lambda *given, few: told_few.append(few) or (given[3], []))
     networks.write(make_study(baselines="linear", as_shipped=True), folder)
     answer = read_json(folder / "answer.json")
+    assert told_few == [one["kind"] == "too few trials" for one in answer["answers"]]
     told = [one["next"]["words"] for one in answer["answers"]]
     assert told
     assert all(re.fullmatch(r"lost by .* with \d+ neurons", words) for words in told)
