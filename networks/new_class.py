@@ -143,7 +143,7 @@ def _heard(restored: run_folder.Restored, n_features: int) -> list[np.ndarray]:
     n_trained = len(restored.classes) - len(restored.taught)
     with suppress(ValueError):
         heard = [np.array([touch.split() for touch in touches], np.float64) for touches in restored.taught.values()]
-        are_touches = all(one.shape == (max(len(one), 1), n_features) and np.isfinite(one).all() for one in heard)
+        are_touches = all(one.shape == (len(one), n_features) and np.isfinite(one).all() for one in heard)
         if are_touches and n_trained > 1 and [*restored.taught] == [*restored.classes[n_trained:]]:
             return heard
     raise InputError(
