@@ -9,6 +9,7 @@ The result equals the regression on all touches at once.
 from __future__ import annotations
 
 import os
+from contextlib import suppress
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, NamedTuple
 
@@ -130,10 +131,25 @@ def teachable(restored: run_folder.Restored) -> tuple[tasks.Sides, Readout]:
     """
     network = _sum_of(restored.of_classes("learning a class"))
     sides = tasks.sides_of(run_folder.trained_spikes_of(restored), restored.task)
-    readout = refitted(network, sides.train, sides.validation, len(restored.classes) - len(restored.taught))
-    for touches in restored.taught.values():
-        readout = _taught(readout, np.array([touch.split() for touch in touches], np.float64))
+    heard = _heard(restored, features_of(network, sides.train.spikes[:1]).shape[1])
+    readout = refitted(network, sides.train, sides.validation, len(restored.classes) - len(heard))
+    for touches in heard:
+        readout = _taught(readout, touches)
     return sides, readout
+
+
+def _heard(restored: run_folder.Restored, n_features: int) -> list[np.ndarray]:
+    """The touches `(touch, feature)` of each class that a run learned before; InputError if they are no such."""
+    n_trained = len(restored.classes) - len(restored.taught)
+    with suppress(ValueError):
+        heard = [np.array([touch.split() for touch in touches], np.float64) for touches in restored.taught.values()]
+        are_touches = all(one.shape == (len(one), n_features) and np.isfinite(one).all() for one in heard)
+        if are_touches and n_trained > 1 and [*restored.taught] == [*restored.classes[n_trained:]]:
+            return heard
+    raise InputError(
+        f"{restored.source}: the touches of the classes that it learned (`taught` in network.json) were changed; learn "
+        "them again from the run that was trained"
+    )
 
 
 def _taught(readout: Readout, touches: np.ndarray) -> Readout:

@@ -123,7 +123,7 @@ class Lines:
         if "," not in text or self.has_commas or (mark := separator_of(text)) == ",":
             return row
         own = _fitting(cells(text, mark), n_cells)
-        self.has_commas = len(own) == (n_cells or len(own)) and has_decimal_commas([[cell] for cell in own])
+        self.has_commas = len(own) == (n_cells or len(own)) and has_decimal_commas([[cell] for cell in own], mark)
         if not self.has_commas:
             return row
         say(f"{self.where}: {COMMAS}")

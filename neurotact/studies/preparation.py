@@ -18,7 +18,7 @@ from neurotact.data.conditioning import conditioned_length
 from neurotact.data.dataset import DatasetSpec, expand, load_recordings, until
 from neurotact.data.recordings import Recordings
 from neurotact.data.spikes import SpikeTrains
-from neurotact.data.windows import check_fit, steps_of
+from neurotact.data.windows import check_fit
 from neurotact.encoders.calibration import calibration_for
 from neurotact.encoders.encoding import encode_recordings
 from neurotact.encoders.gain_search import CalibrationRule
@@ -80,10 +80,10 @@ def _recordings_once(dataset: str, detects: bool, encoded_ms: float | None) -> R
 
 def _fit_at_once(recordings: Recordings, cell: Cell) -> bool:
     """Whether the windows of a cell are so few that several processes can fit classifiers on them."""
-    rate_Hz = recordings.sampling_rate_Hz
-    length, _, hop = steps_of(cell.window, rate_Hz)
-    n_windows = np.minimum(recordings.lengths // hop + 1, cell.window.per_trial or np.inf).sum()
-    return 8 * n_windows * (length * recordings.n_channels + MINIROCKET) <= MOST_AT_ONCE
+    rate_Hz, window = recordings.sampling_rate_Hz, cell.window  # of an encoder with a clock of its own, in part shorter
+    hop = (window.hop_ms or window.length_ms) * 1e-3 * rate_Hz
+    n_windows = np.minimum(recordings.lengths // hop + 1, window.per_trial or np.inf).sum()
+    return 8 * n_windows * (window.length_ms * 1e-3 * rate_Hz * recordings.n_channels + MINIROCKET) <= MOST_AT_ONCE
 
 
 def prepare(folder: Path, study: StudySpec, cells: list[Cell]) -> bool:

@@ -119,6 +119,8 @@ def write_tables(folder: Path) -> None:
             why = store.damage(folder, cell)
             if why is not None and not is_done(folder, cell):
                 say(f"{_place(cell)}: {why}; left out, neurotact study resume {folder} computes it again")
+        if beside := engine.beside(folder, study, cells, True):
+            say(f"{folder}: {beside.name} are not done; left out, neurotact study resume {folder} computes them")
         _write_tables(engine, study, cells, folder)
 
 

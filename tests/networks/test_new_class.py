@@ -122,6 +122,35 @@ def test_one_class_after_the_other_is_both_at_once_and_the_spikes_of_training_st
         nt.learn(place / "with-wool", tmp_path / "mesh.h5", tmp_path / "new", spikes=tmp_path / "others.h5")
 
 
+def edited_touch(heard: dict, text: str, number: int = -1) -> dict:
+    return {"wool": [*heard["wool"][:-1], " ".join([*heard["wool"][-1].split()[:number], *text.split()])]}
+
+
+CHANGED = {
+    "a word": lambda heard: edited_touch(heard, "a"),
+    "no number": lambda heard: edited_touch(heard, "nan"),
+    "one less": lambda heard: edited_touch(heard, ""),
+    "all less": lambda heard: {"wool": [touch.rpartition(" ")[0] for touch in heard["wool"]]},
+    "none": lambda heard: {"wool": []},
+    "another class": lambda heard: {"mesh": heard["wool"]},
+    "a trained class": lambda heard: {"silk": heard["wool"], **heard},
+    "too many": lambda heard: {"mesh": heard["wool"], "felt": heard["wool"], "silk": heard["wool"], **heard},
+}
+
+
+@pytest.mark.parametrize("name", CHANGED)
+def test_touches_that_were_changed_since_they_were_learned_are_refused(place, tmp_path, name):
+    shutil.copytree(place / "with-wool", tmp_path / "with-wool")
+    shutil.copy(place / "spikes.h5", tmp_path)
+    path = tmp_path / "with-wool" / "network.json"
+    table = files.read_json(path)
+    table["extra"]["taught"] = CHANGED[name](table["extra"]["taught"])
+    files.write_json(path, table)
+    nt.save(touches(["mesh"] * 6, seed=2), tmp_path / "mesh.h5")
+    with pytest.raises(nt.InputError, match=r"with-wool: the touches of the classes that it learned .* were changed"):
+        nt.learn(tmp_path / "with-wool", tmp_path / "mesh.h5", tmp_path / "new")
+
+
 @pytest.mark.parametrize("further", [nt.fine_tune, nt.save_energy])
 def test_what_trains_again_names_the_classes_that_were_learned_later(place, tmp_path, further):
     with pytest.raises(nt.InputError, match="with-wool: learned wool after its training, and"):

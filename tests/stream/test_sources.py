@@ -56,6 +56,7 @@ def test_decimal_commas_are_said_once_and_no_other_commas_are_taken_for_them(cap
     ]  # fmt: skip
     assert capsys.readouterr().err == "neurotact: -: commas in numbers are decimal\n"
     assert taken(Rows("-", 4, 1.0, Faults()), b"1,2;3,4\n") == [[1.0, 2.0, 3.0, 4.0]]
+    assert taken(Rows("-", 2, 1.0, Faults()), b"5 ,15\n") == [[5.0, 15.0]]
     assert taken(Rows("-", 2, 1.0, Faults()), b"1;2\n1,234;2,345\n1,5;2.5\n1,2,\n") == [[1.0, 2.0], 1, 1, [1.0, 2.0]]
     assert taken(Rows("-", 3, 1.0, Faults()), b"1;2;3\n1,5;2,5\n7,8;9\n") == [[1.0, 2.0, 3.0], 1, [7.0, 8.0, 9.0]]
     with pytest.raises(InputError, match="has 4 values"):

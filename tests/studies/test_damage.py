@@ -418,6 +418,19 @@ def test_a_report_leaves_out_what_is_damaged(run, capsys):
     )
 
 
+@of_kind("networks")
+@pytest.mark.parametrize("name", store.BASELINES)
+def test_a_report_says_that_the_classifiers_are_not_done(run, capsys, name):
+    """As after an interruption: cells may be done before the last of the classifiers."""
+    runner.write_tables(run)
+    assert "not done" not in capsys.readouterr().err
+    (run / name).unlink()
+    runner.write_tables(run)
+    assert f"neurotact: {run}: classifiers are not done; left out, neurotact study resume {run} computes them\n" in (
+        capsys.readouterr().err
+    )
+
+
 @pytest.mark.slow
 def test_no_junk_anywhere_breaks_a_report(run, patched, monkeypatch):
     patched.undo()

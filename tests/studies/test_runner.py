@@ -87,6 +87,28 @@ def test_processes_fit_classifiers_at_once_where_windows_are_few(compared, tmp_p
         assert (tmp_path / "run" / name).read_bytes() == (folder / name).read_bytes()
 
 
+@pytest.mark.parametrize(
+    ("window", "each"),
+    [
+        ({}, 1),
+        ({"hop_ms": 0.2, "per_trial": 9}, 9),
+        ({"length_ms": 0.2}, 1),
+        ({"hop_ms": 10.0, "per_trial": 99}, 41),
+    ],
+)
+def test_windows_of_a_clock_that_is_finer_than_the_recordings_are_counted(tmp_path, monkeypatch, window, each):
+    """Their length and hop may be shorter than a sample."""
+    changes = {f"window.{key}": value for key, value in window.items()} | {"encoder.conditioning.resample_Hz": 8000.0}
+    what = study.resolve(TINY, changes)
+    cells = list(study.cells(what))
+    recordings = preparation.recordings_of(what, cells[0])
+    values = cells[0].window.length_ms * 2 * recordings.n_channels  # at 2 kHz
+    most = 8 * each * len(recordings) * (values + preparation.MINIROCKET)
+    for bytes_at_once, at_once in ((most, True), (most - 1, False)):
+        monkeypatch.setattr(preparation, "MOST_AT_ONCE", bytes_at_once)
+        assert preparation.prepare(tmp_path / str(bytes_at_once), what, cells) == at_once
+
+
 def _process_after(seconds: float) -> int:
     time.sleep(seconds)
     return os.getpid()

@@ -138,6 +138,7 @@ REFUSED: dict[str, tuple[str | bytes, str]] = {
     "decimal commas": (
         "t;left\n0,00;1.5\n0,01;2.5\n", "line 2 has decimal commas; pass `decimal=','` or write decimal points",
     ),
+    "blanks before commas": ("5 ,15\n6 ,20\n", "line 1 has decimal commas; pass `decimal=','` or write decimal points"),
     "decimal commas in one column": ("force\n0,5\n0,6\n", "if these are decimal commas, pass `decimal=','`)"),
     "decimal commas and others": ("t,left\n0,00,1,0\n", "put ; between columns and pass `decimal=','`)"),
     "thousands": (

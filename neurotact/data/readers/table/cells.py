@@ -69,17 +69,22 @@ def grouping_of(cells: Iterable[str], mark: str) -> Grouping:
     return "perhaps" if n_marked else "no"
 
 
-def has_decimal_commas(columns: Iterable[Sequence[str]]) -> bool:
+def has_decimal_commas(columns: Iterable[Sequence[str]], separator: str = "") -> bool:
     """Whether commas in numbers are surely decimal, in columns that something else separates; no number has a point.
+
+    Between blanks, a comma at the beginning of a number may be a separator, too.
 
     >>> has_decimal_commas([["1", "2"], ["0,5", "1,5"]]), has_decimal_commas([["1,234"]]), has_decimal_commas([["1.5"]])
     (True, False, False)
+    >>> has_decimal_commas([["5"], [",15"]], ";"), has_decimal_commas([["5"], [",15"]], BLANKS)
+    (True, False)
     """
     found = set[Grouping]()
     for column in columns:
         if any("." in cell and NUMBER.fullmatch(cell) for cell in column):
             return False
-        if any(map(DECIMAL_COMMA.fullmatch, column)):
+        marked = filter(DECIMAL_COMMA.fullmatch, column)
+        if any(separator != BLANKS or not cell.startswith(",") for cell in marked):
             found.add(grouping_of(column, ","))
     return "no" in found and "yes" not in found
 

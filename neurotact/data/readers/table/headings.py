@@ -301,7 +301,7 @@ def open_table(
 def _decimal_in(body: str, separator: str) -> Decimal:
     """The decimal sign of numbers: a comma where those of some lines can be nothing else, or a point."""
     rows = (cells(line, separator) for line in _probes(body) if separator != ",")
-    return "," if has_decimal_commas(zip_longest(*rows, fillvalue="")) else "."
+    return "," if has_decimal_commas(zip_longest(*rows, fillvalue=""), separator) else "."
 
 
 def _after(text: str, n_lines: int) -> int:
