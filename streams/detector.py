@@ -271,8 +271,8 @@ def rule_for(recordings: Sequence[Heard], task: Task) -> DetectorSpec:
 def rare_from(tried: Sequence[float], counts: Sequence[int], most: float) -> float:
     """The threshold from which on at most so many false alarms are expected, and one where fewer are asked for.
 
-    Of the largest count and those behind it, logarithms of 2 and more are on a line. A count of 0 or 1 alone is luck:
-    of many rules, the best of those without a false alarm has more elsewhere.
+    Of the largest count and those behind it, logarithms of 2 and more are on a line; one that does not fall rules out
+    nothing. A count of 0 or 1 alone is luck: of many rules, the best of those without a false alarm has more elsewhere.
 
     >>> round(rare_from([0.0, 1.0, 2.0, 3.0, 4.0], [3, 8, 4, 0, 0], 2.0), 6), rare_from([0.0, 1.0], [0, 0], 2.0)
     (3.0, 0.0)
@@ -282,6 +282,8 @@ def rare_from(tried: Sequence[float], counts: Sequence[int], most: float) -> flo
     if not used.any() or n[used][0] == n[used][-1]:
         return 0.0
     slope, level = np.polyfit(thresholds[used], np.log(n[used]), 1)
+    if slope >= 0:
+        return 0.0
     return float(min((np.log(max(1.0, most)) - level) / slope, thresholds[-1]))
 
 

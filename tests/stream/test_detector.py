@@ -9,7 +9,7 @@ import numpy as np
 import pandas as pd
 import pytest
 import torch
-from hypothesis import given
+from hypothesis import example, given
 from hypothesis import strategies as st
 from levels import examples
 from neurotact_parts.exporters.c import proof, proving
@@ -149,6 +149,7 @@ def test_many_recordings_have_as_many_false_alarms_as_were_allowed_on_few():
 
 
 @given(st.lists(st.integers(0, 400), min_size=2, max_size=12), st.floats(0, 30))
+@example([6, 2, 0, 5], 2.0)  # a line that rises
 def test_where_false_alarms_are_rare_is_among_the_thresholds_and_rises_as_fewer_are_allowed(counts, most):
     least = [*np.linspace(0, 2, len(counts))]
     found, fewer = (detector.rare_from(least, counts, each) for each in (most, most / 2))
