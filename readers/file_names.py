@@ -9,8 +9,13 @@ from typing import NamedTuple
 from neurotact.data.readers.specs import FIELD, FILE
 from neurotact.data.recordings import LABEL
 
-TOKENS = (re.compile(r"[^\W\d_]+|\d+(?:\.\d+)?|[\W_]"), re.compile(r"[^\W_]+|[\W_]"))
-"""Words, numbers and signs of a name; and, for names with words of letters and digits, such words and signs."""
+TOKENS = (
+    re.compile(r"[^\W\d_]+|\d+(?:\.\d+)?|[\W_]"),
+    re.compile(r"[^\W_]+|[\W_]"),
+    re.compile(r"[^\W\d_]+|(?:(?<=[^\W\d_])-)?\d+(?:\.\d+)?|[\W_]"),
+)
+"""Words, numbers and signs of a name; for names with words of letters and digits, such words and signs; and, where some
+numbers behind a letter have a minus and others not, such numbers."""
 MOST_NUMBERED = 2
 """Times as many numbers as there are files that a range may hold; those of repetitions leave out few."""
 
@@ -44,8 +49,8 @@ def unnamed(files: Sequence[str], levels: Sequence[str]) -> Parts | None:
 def labelled(files: Sequence[str]) -> str:
     """A pattern for names of which the first word that differs is the class; empty without one, or a common form.
 
-    >>> labelled(["felt_1.csv", "silk_2.csv"])
-    '{label}_{number}'
+    >>> labelled(["felt_1.csv", "silk_2.csv"]), labelled(["felt_V-10_0.csv", "silk_V20_0.csv"])
+    ('{label}_{number}', '{label}_V{V}_0')
     """
     names = _split(files, 0)
     found = Parts("", ()) if names is None else _parts(names, LABEL, [FILE])
@@ -60,7 +65,7 @@ def _split(files: Sequence[str], n_levels: int) -> list[list[str]] | None:
         if len({len(name) for name in names}) != 1 or any("{" in name for name in below):
             continue
         differ = [len({*values}) > 1 for values in zip(*names, strict=True)]
-        words = [all(value[0].isalnum() for value in values) for values in zip(*names, strict=True)]
+        words = [all(value[-1].isalnum() for value in values) for values in zip(*names, strict=True)]
         is_beside = any(one and other for one, other in pairwise(differ))
         if any(differ) and not is_beside and all(word for one, word in zip(differ, words, strict=True) if one):
             return names
@@ -68,7 +73,7 @@ def _split(files: Sequence[str], n_levels: int) -> list[list[str]] | None:
 
 
 def _is_number(token: str) -> bool:
-    return token.replace(".", "").isdecimal()
+    return token.removeprefix("-").replace(".", "").isdecimal()
 
 
 def _may_be_condition(values: Sequence[str], above: Sequence[str]) -> bool:

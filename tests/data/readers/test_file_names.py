@@ -59,6 +59,8 @@ def test_the_pattern_that_is_proposed_reads_every_name(wears, forces, sign, has_
         (["anna_3", "anna_6", "ben_3"], "{part1}_{number}"),
         (["speed150", "speed300", "speed450"], "speed{speed}"),
         (["F0.5_a", "F1.5_a", "F0.5_b"], "F{F}_{part2}"),
+        (["F3_V-10mm_0", "F3_V20mm_0", "F6_V-10mm_1"], "F{F}_V{V}mm_{number}"),  # some numbers have a minus
+        (["t-1_a", "t1_a", "t--1_a"], None),
         (["5mm/x1", "5mm/x2", "9mm/x1"], "{part1}mm/x{x}"),
         (["a3f9", "77b0"], "{part1}"),
         (["a", "b_2", "c-d"], None),  # no common form
