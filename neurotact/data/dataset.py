@@ -258,7 +258,9 @@ _FROM: Mapping[str, Callable[[DatasetSpec, Path], Recordings | SpikeTrains]] = {
 """What gives the trials of each of `SOURCES`."""
 
 
-def until(recordings: Recordings, end_ms: float) -> Recordings:
-    """The beginning of each trial, with the sample at its end: then a slower clock does not end before it."""
+def until(recordings: Recordings, end_ms: float | None) -> Recordings:
+    """The beginning of each trial, all of it if None, with the sample at its end: a slower clock ends no earlier."""
+    if end_ms is None:
+        return recordings
     n_samples = math.ceil(end_ms * 1e-3 * recordings.sampling_rate_Hz - 1e-9) + 1
     return replace(recordings, signals=[signal[:n_samples] for signal in recordings.signals])

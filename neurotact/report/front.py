@@ -35,7 +35,16 @@ from neurotact.studies import automatic
 from neurotact.studies.cell import task_of
 from neurotact.studies.measures import INTEGERS
 from neurotact.studies.store import cell_folder, result_of
-from neurotact.studies.study import LENGTH, Cell, StudySpec, by_split, encoder_columns, split_columns, value_at
+from neurotact.studies.study import (
+    LENGTH,
+    Cell,
+    StudySpec,
+    by_split,
+    encoder_columns,
+    has_one_split,
+    split_columns,
+    value_at,
+)
 from neurotact.tables import NETWORK, means_over
 
 COSTS = ("sops", "ms", "spikes", "nJ")
@@ -453,7 +462,7 @@ class _OfRun(NamedTuple):
         chosen = self.done[representative(self.rows, choice.network)]
         file, each = self.study.dataset.file, min(self._trials_of_classes(), default=0)
         place = cell_folder(self.folder, chosen)
-        may_fold = self.study.split == SplitSpec() and not split_columns(self.study) and each >= automatic.FOLDS
+        may_fold = has_one_split(self.study) and each >= automatic.FOLDS
         places = period_choice.Places(self.folder, place, Path(file) if file else None, may_fold=may_fold)
         sure = period_choice.Sure(sides.trials.test, len(cells), choice.network.seeds, each)
         said = period_choice.in_words(choice, sure, periods.populations(self.study), sample_ms)

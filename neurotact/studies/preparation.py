@@ -74,13 +74,15 @@ def rows_beside(
 @lru_cache(maxsize=1)
 def _recordings_once(dataset: str, detects: bool, encoded_ms: float | None) -> Recordings:
     """The recordings as they are encoded, read once in a process that fits many classifiers."""
-    recordings = _recordings(DatasetSpec.model_validate_json(dataset), detects)
-    return recordings if encoded_ms is None else until(recordings, encoded_ms)
+    return until(_recordings(DatasetSpec.model_validate_json(dataset), detects), encoded_ms)
 
 
 def _fit_at_once(recordings: Recordings, cell: Cell) -> bool:
-    """Whether the windows of a cell are so few that several processes can fit classifiers on them."""
-    rate_Hz, window = recordings.sampling_rate_Hz, cell.window  # of an encoder with a clock of its own, in part shorter
+    """Whether the windows of a cell are so few that several processes can fit classifiers on them.
+
+    Not by `steps_of`: windows of the encoder's clock may be shorter than a sample of the recordings.
+    """
+    rate_Hz, window = recordings.sampling_rate_Hz, cell.window
     hop = (window.hop_ms or window.length_ms) * 1e-3 * rate_Hz
     n_windows = np.minimum(recordings.lengths // hop + 1, window.per_trial or np.inf).sum()
     return 8 * n_windows * (window.length_ms * 1e-3 * rate_Hz * recordings.n_channels + MINIROCKET) <= MOST_AT_ONCE
@@ -128,7 +130,7 @@ def _by_source(cells: Iterable[Cell]) -> list[list[Cell]]:
 
 def encoded_part(recordings: Recordings, cell: Cell) -> Recordings:
     """The trials as far as a cell encodes them."""
-    return recordings if cell.encoded_ms is None else until(recordings, cell.encoded_ms)
+    return until(recordings, cell.encoded_ms)
 
 
 def _check_windows(recordings: Recordings, cells: Iterable[Cell]) -> None:

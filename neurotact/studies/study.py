@@ -576,6 +576,11 @@ def encoder_columns(study: StudySpec) -> list[str]:
     return [key for key in setting_columns(study) if key in OF_SPIKES or key.startswith(calibration_keys.ENCODER)]
 
 
+def has_one_split(study: StudySpec) -> bool:
+    """Whether all cells have the split of a study that names none: folds may then test every trial."""
+    return study.split == SplitSpec() and not split_columns(study)
+
+
 def by_split(cells: Iterable[Cell]) -> list[list[Cell]]:
     """Groups of cells with the same split."""
     groups: dict[str, list[Cell]] = {}

@@ -142,5 +142,4 @@ def with_training(cuts: opponents.Cuts, trains: SpikeTrains, cell: Cell, parts: 
 
 def copied_part(recordings: Recordings, cell: Cell) -> Recordings:
     """The trials as far as the windows of their varied copies reach; the whole trials if these begin at an onset."""
-    end_ms = reach_ms(cell)
-    return recordings if end_ms is None or cell.augmentation is None else until(recordings, end_ms)
+    return until(recordings, None if cell.augmentation is None else reach_ms(cell))

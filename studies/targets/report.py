@@ -14,7 +14,6 @@ from neurotact_parts.studies.targets.words import screen
 
 from neurotact.baselines import opponents
 from neurotact.data.conditioning import acausal_note
-from neurotact.data.splits import SplitSpec
 from neurotact.figures.columns import name_of
 from neurotact.files import write_json
 from neurotact.networks.definition import recipe
@@ -27,7 +26,7 @@ from neurotact.report.way_answer import Configuration
 from neurotact.report.wording import Measure
 from neurotact.studies.cell import task_of
 from neurotact.studies.store import ANSWER, cell_folder, is_done, result_of
-from neurotact.studies.study import Cell, StudySpec, setting_columns, split_columns
+from neurotact.studies.study import Cell, StudySpec, has_one_split, setting_columns
 from neurotact.studies.way import View
 from neurotact.tables import read_table, write_table
 
@@ -105,7 +104,7 @@ def _place(folder: Path, chosen: Way) -> str:
 
 def _next(study: StudySpec, folder: Path, place: str) -> tuple[str, Sequence[str]]:
     """What to do next, and its command: test all trials, then take a network that tells numbers along as C."""
-    if study.split == SplitSpec() and not split_columns(study):
+    if has_one_split(study):
         return period_choice.in_folds(folder.absolute())
     if parameters_of(study.parameters).target == (EVENTS,):
         return "", ()

@@ -11,12 +11,21 @@ import pandas as pd
 import torch
 from pydantic import Field
 
-from neurotact.data import hdf5, splits
+from neurotact.data import hdf5
 from neurotact.data.augmentation import NONE
 from neurotact.data.copies import copies_of
 from neurotact.data.recordings import LABEL, Recordings, Trials, select_conditions
 from neurotact.data.spikes import SpikeTrains, empty_raster
-from neurotact.data.splits import Split, Splits, SplitSpec, hold_out, split_conditions, split_touches, turns_of
+from neurotact.data.splits import (
+    Split,
+    Splits,
+    SplitSpec,
+    hold_out,
+    split_conditions,
+    split_touches,
+    training_touches,
+    turns_of,
+)
 from neurotact.data.trial_choice import LeaveOut, TrialChoice, Where, chosen_trials, values_in_words
 from neurotact.data.window_choice import ARGUMENTS, Words, suited_window
 from neurotact.data.windows import Windows, WindowSpec
@@ -347,7 +356,7 @@ def to_calibrate(recordings: Recordings, task: Task, known: Where) -> Recordings
     if task.target:
         train = copies_of(recordings).distinct(split_of(recordings, task).train)
     else:
-        train = splits.training_touches(recordings, task.stratify, task.split)
+        train = training_touches(recordings, task.stratify, task.split)
     train = np.intersect1d(train, np.flatnonzero(select_conditions(recordings.conditions, known)))
     training = recordings.select(train)
     return events.tool("classes_of_target")(training, task) if task.target else training
