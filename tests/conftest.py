@@ -9,6 +9,7 @@ from pathlib import Path
 import levels
 import pytest
 from hypothesis import HealthCheck, settings
+from hypothesis.internal.conjecture import providers
 
 # Small tensors are slower on many threads, by far where several tests run at once; threads that wait for each other are
 # not to count while they do. The kernels and torch share a library that reads this when the first of them is loaded.
@@ -32,6 +33,8 @@ for name, n_examples in (("quick", levels.QUICK), ("thorough", levels.THOROUGH),
         suppress_health_check=[HealthCheck.too_slow, HealthCheck.function_scoped_fixture],
     )
 settings.load_profile("quick")
+# It would also draw constants of the modules that are loaded, and these depend on what a worker has run before.
+providers._get_local_constants = lambda: providers._local_constants
 
 
 LONG = ("live", "report", "studies", "of_studies", "export", "test_cli.py", "test_workers.py", "test_options.py")
