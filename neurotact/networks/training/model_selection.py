@@ -229,8 +229,9 @@ def _best_so_far(checkpoint: Checkpoint, spec: RSNNSpec) -> Epoch:
 def clearly_worse(accuracies: Mapping[str, float], n: int) -> list[str]:
     """The names whose accuracy is below the best by more than `CLEAR` standard errors of the difference.
 
-    n: the trials of each accuracy. The errors are those of different trials, and with one more right and one more wrong
-    (Agresti and Caffo 2000, doi 10.1080/00031305.2000.10474560): of the same trials they are less.
+    n: the trials of each accuracy. The errors are those of different trials: of the same trials they are less. Both
+    they and the difference are taken with one more trial right and one more wrong (Agresti and Caffo 2000, doi
+    10.1080/00031305.2000.10474560).
 
     >>> clearly_worse({"time": 0.9, "gain": 0.6, "time+gain": 0.85}, 40)
     ['gain']
@@ -242,7 +243,8 @@ def clearly_worse(accuracies: Mapping[str, float], n: int) -> list[str]:
         return share * (1 - share) / (n + 2)
 
     error = {name: math.sqrt(variance(best) + variance(one)) for name, one in accuracies.items()}
-    return [name for name, one in accuracies.items() if best - one > CLEAR * error[name]]
+    of_more = n / (n + 2)
+    return [name for name, one in accuracies.items() if (best - one) * of_more > CLEAR * error[name]]
 
 
 def trainings(
