@@ -144,6 +144,28 @@ def preload(modules: Sequence[str]) -> None:
     _preloaded.extend(module for module in modules if module not in _preloaded)
 
 
+@contextmanager
+def beginning(modules: Sequence[str]) -> Iterator[None]:
+    """Start the server of processes, which loads for seconds, beside what is done within; an error there ends it.
+
+    modules: what is loaded in it, too. Where processes are spawned, nothing is started.
+    """
+    preload(modules)
+    with ExitStack() as on_error:
+        if sys.platform == "linux":
+            from multiprocessing import forkserver
+
+            server: Any = forkserver._forkserver
+            if server._forkserver_pid is None:
+                _context()
+                with _safe_path(), _environment({THREADS: "1"}), _ignoring_interrupts():
+                    server.ensure_running()
+                # It would load on, and hold the pipes of this process.
+                on_error.callback(lambda: os.kill(server._forkserver_pid, signal.SIGKILL))
+        yield
+        on_error.pop_all()
+
+
 def in_a_process(task: Callable[..., Any], *arguments: Any) -> Any:
     """Call a function in a worker process; its result."""
     with pool(1) as run:

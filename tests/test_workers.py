@@ -206,9 +206,53 @@ def main():
 if __name__ == "__main__":
     main()
 """
-    (tmp_path / "script.py").write_text(script)
+    _run_as_script(script, tmp_path)
+
+
+@pytest.mark.skipif(sys.platform != "linux", reason="elsewhere each worker is spawned")
+def test_the_server_loads_while_a_study_is_read_and_ends_if_it_is_refused(tmp_path):
+    script = """
+import os, signal
+from multiprocessing import forkserver
+from test_workers import _server
+import neurotact as nt
+from neurotact import workers
+from neurotact.errors import InputError
+from neurotact.studies import loading
+
+def refuse(*given, **options):
+    servers.append(forkserver._forkserver._forkserver_pid)
+    raise InputError("refused")
+
+def main():
+    loading.resolve = refuse
+    try:
+        nt.run_study("own-recordings", "out", data="none.h5")
+    except InputError as error:
+        assert str(error) == "refused"
+    assert os.waitpid(servers[0], 0)[1] == signal.SIGKILL
+    forkserver._forkserver._forkserver_pid = None
+    with workers.beginning([]):
+        begun = forkserver._forkserver._forkserver_pid
+    try:
+        with workers.beginning([]):
+            raise InputError("refused")
+    except InputError:
+        with workers.pool(1) as run:  # what others began goes on
+            ((server, n_threads),) = run(_server, [0])
+    assert (server, n_threads) == (begun, 1)
+
+if __name__ == "__main__":
+    servers = []
+    main()
+"""
+    _run_as_script(script, tmp_path)
+
+
+def _run_as_script(script: str, folder: Path) -> None:
+    (folder / "script.py").write_text(script)
     paths = os.pathsep.join([str(Path(__file__).parent), *filter(None, [os.environ.get("PYTHONPATH")])])
-    subprocess.run([sys.executable, "script.py"], cwd=tmp_path, check=True, env={**os.environ, "PYTHONPATH": paths})
+    subprocess.run([sys.executable, "script.py"], cwd=folder, check=True, env={**os.environ, "PYTHONPATH": paths})
 
 
 def _knows(names: list[str]) -> tuple[list[str], int]:

@@ -21,7 +21,7 @@ with lazily():
     import pandas as pd
 
     from neurotact.report import report, running
-    from neurotact.studies import loading, runner, store
+    from neurotact.studies import executors, loading, runner, store
 
 
 log = logging.getLogger("neurotact")
@@ -70,7 +70,8 @@ def run_study(
         | _split_changes(split)
         | (_left_out_changes(split, data, choice) if split.leave_out_each else {})
     )
-    study = loading.resolve(name, changes, quick=quick, data=data)
+    with processes.beginning(executors.modules()):
+        study = loading.resolve(name, changes, quick=quick, data=data)
     for note in getattr(study, "notes", ()):
         log.warning("%s", note)
     return _run(study, Path(folder), workers, scheduler)

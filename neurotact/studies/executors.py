@@ -17,6 +17,11 @@ from neurotact.studies.store import cell_folder
 from neurotact.workers import pool_as_done, preload
 
 
+def modules() -> list[str]:
+    """What the processes of a study load, once: also what a cell is compared with."""
+    return ["neurotact.studies.networks", *plugins.modules("opponents")]
+
+
 def executor(n_workers: int, scheduler: str | None = None) -> AbstractContextManager[MapCells]:
     """`n_workers` processes of this machine, or the cluster of the Dask scheduler at this address."""
     return processes(n_workers) if scheduler is None else plugins.load_function("tools", "cluster")(scheduler)
@@ -28,7 +33,7 @@ def processes(n_workers: int) -> Iterator[MapCells]:
 
     The first cell tells how long its training takes.
     """
-    preload(plugins.modules("opponents"))  # a cell is compared with them
+    preload(modules())
     with pool_as_done(n_workers) as run:
 
         def map_cells(
