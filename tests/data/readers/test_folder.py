@@ -108,7 +108,7 @@ def test_trials_come_label_by_label_in_the_order_of_the_files(tmp_path, caplog):
     with caplog.at_level(logging.WARNING, "neurotact"):
         touch = folder.read(tmp_path, 100, "mV")
     assert caplog.messages == [
-        f"{tmp_path}: 6 files are ignored (hidden, or not recordings): "
+        f"{tmp_path}: ignores 6 files (hidden, or not recordings): "
         ".git, README, __MACOSX, a/deeper/one.lvm, silk/.b.csv and 1 more"
     ]
     assert list(touch.conditions.file) == [
@@ -201,7 +201,7 @@ def test_text_files_of_labview_come_before_other_text(tmp_path, caplog):
     with caplog.at_level(logging.WARNING, "neurotact"):
         touch = folder.read(tmp_path, 100, "mV")
     assert (touch.channels, list(touch.conditions.file)) == (("left", "right"), ["felt/a.lvm"])
-    assert caplog.messages == [f"{tmp_path}: 1 files are ignored (hidden, or not recordings): felt/notes.txt"]
+    assert caplog.messages == [f"{tmp_path}: ignores 1 file (hidden, or not recordings): felt/notes.txt"]
 
 
 POINTER = b"version https://git-lfs.github.com/spec/v1\noid sha256:00\nsize 9\n"
