@@ -245,7 +245,7 @@ def _of_columns(
         _check_no_raster(columns, roles.values(), path)
         absent = "time" if time_name is None else "channel"
         raise InputError(
-            f"{path}: no column is called {absent} ({', '.join(list(columns)[:12])}); name it with "
+            f"{path}: no column is called {absent} ({some(list(columns), 12)}); name it with "
             f"`names={{{absent!r}: ...}}`"
         )
     said_unit = spec.time_unit or unit_in(time_name) or ("us" if is_grid or usual == "us" else None)

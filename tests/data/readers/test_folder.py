@@ -328,7 +328,11 @@ def test_a_table_is_bounded_by_its_size_and_by_that_of_its_numbers(tmp_path, mon
 def test_trials_of_other_taxels_are_refused(tmp_path):
     write(tmp_path / "felt", "a.csv")
     write(tmp_path / "silk", "b.csv", SIGNAL[:, :2], "a,b")
-    refused(tmp_path, "silk/b.csv: has 2 channels where felt/a.csv has 3")
+    fix = "move the file away, or name taxels that all files have with `columns`"
+    refused(tmp_path, f"silk/b.csv: has 2 channels where felt/a.csv has 3 (c is not in silk/b.csv); {fix}")
+    for name, columns in (("felt/a", "a,b,c"), ("silk/b", "a,c")):
+        write((tmp_path / name).parent, f"{name[5:]}.csv", SIGNAL[:, : len(columns.split(","))], columns)
+    refused(tmp_path, f"silk/b.csv: has 2 channels where felt/a.csv has 3 (b is not in silk/b.csv); {fix}")
     write(tmp_path / "silk", "b.csv", header="a,c,b")
     refused(tmp_path, "silk/b.csv: column 2 is 'c' where felt/a.csv has 'b'")
 
