@@ -60,6 +60,16 @@ def some(names: Sequence[str], most: int = 5, between: str = ", ") -> str:
     return between.join(names[:most]) + more
 
 
+def number_of(n: int, noun: str) -> str:
+    """A number with its noun.
+
+    >>> number_of(1, "class"), number_of(2, "class"), number_of(3, "pair of periods")
+    ('1 class', '2 classes', '3 pairs of periods')
+    """
+    one, of, what = noun.partition(" of ")
+    return f"{n} {one}{'' if n == 1 else 'es' if one.endswith('s') else 's'}{of}{what}"
+
+
 def first_line(error: BaseException) -> str:
     """An error of other code in one line: its type and the first line of its message.
 

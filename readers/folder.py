@@ -24,7 +24,7 @@ from neurotact.data.readers.specs import FIELD, FILE, NamingSpec
 from neurotact.data.readers.table.cells import NUMBER, as_signal, columns_of
 from neurotact.data.readers.table.headings import named_table
 from neurotact.data.recordings import LABEL, Recordings, check_import
-from neurotact.errors import InputError, nearest, some
+from neurotact.errors import InputError, nearest, number_of, some
 from neurotact.files import below, check_size, existing, is_hidden
 from neurotact.lazily import lazily
 from neurotact.spec import build
@@ -432,7 +432,7 @@ def _data_files(folder: Path, naming: NamingSpec) -> list[Path]:
             )
     if ignored:
         names = some([str(path) for path in ignored])
-        log.warning("%s: %d files are ignored (hidden, or not recordings): %s", folder, len(ignored), names)
+        log.warning("%s: ignores %s (hidden, or not recordings): %s", folder, number_of(len(ignored), "file"), names)
     return [folder / inside for inside in data_files]
 
 

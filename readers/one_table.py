@@ -210,7 +210,7 @@ def _roles(table: Table, spec: _TableSpec, *, find_time: bool) -> _Roles:
             for name in role_names:
                 if name not in names:
                     raise InputError(f"{path}: {role}: there is no column '{name[:40]}'; {nearest(name, names)}")
-        shown = ", ".join(names[:12])
+        shown = some(names, 12)
         if label is None:
             raise InputError(f"{path}: no column is called label ({shown}); name the class of a trial with `label`")
         if not trial and not spec.segments:
@@ -337,19 +337,19 @@ def _told_apart(columns: Mapping[str, np.ndarray], roles: _Roles, table: Table) 
     """The trials: rows one after another with the same values in the columns that tell trials apart."""
     begin, end, firsts = _stretches(columns, roles.trial)
     again = np.flatnonzero(firsts.duplicated().to_numpy())
-    every = f"`trial='{roles.label},{','.join(roles.trial)}'`"
+    every = f", as in `trial='{roles.label},{','.join(roles.trial)}'`" if roles.label not in roles.trial else ""
     if len(again):
         name, line = " ".join(firsts.iloc[again[0]]), begin[again[0]] + table.first_line
         raise InputError(
             f"{table.path}: trial {name[:40]} begins again at line {line}; if trials are numbered anew for each class "
-            f"or subject, name all columns that tell them apart, as in {every}; else sort the rows by trial"
+            f"or subject, name all columns that tell them apart{every}; else sort the rows by trial"
         )
     names = [f"trial {' '.join(row)}" for row in firsts.itertuples(index=False)]
     trials = _Trials(begin, end, names, _conditions(columns, roles, begin))
     if not trials.are_constant(columns[roles.label]):
         raise InputError(
             f"{table.path}: '{roles.label}' changes within a trial; give each trial one class, name all columns that "
-            f"tell trials apart, as in {every}, or take each stretch of one class as a trial with `segments=True`"
+            f"tell trials apart{every}, or take each stretch of one class as a trial with `segments=True`"
         )
     return trials
 

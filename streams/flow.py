@@ -12,7 +12,7 @@ from neurotact_parts.streams.streamed import SampleSpec, StreamedSpec
 from neurotact import effects
 from neurotact.data import hdf5
 from neurotact.data.readers.clock.units import Unit
-from neurotact.errors import InputError
+from neurotact.errors import InputError, number_of
 from neurotact.lazily import lazily
 from neurotact.progress import say
 from neurotact.spec import takes_specs
@@ -122,7 +122,7 @@ def stream(
     def summary() -> str:
         tally, trouble = flow.tally, sources.trouble_of(flow.tally, faults)
         took = f"in {time.perf_counter() - began:.1f} s; {trouble or 'every sample was used unchanged'}"
-        return f"{tally.samples} samples, {tally.decisions} decisions, {took}"
+        return f"{number_of(tally.samples, 'sample')}, {number_of(tally.decisions, 'decision')}, {took}"
 
     return Flow(sources.decide(flow, arrived), summary)
 
@@ -153,6 +153,6 @@ def _of_events(
     def summary() -> str:
         tally, trouble = flow.tally, sources.trouble_of(flow.tally, faults)
         took = f"in {time.perf_counter() - began:.1f} s; {trouble or 'every event was used'}"
-        return f"{tally.events} events, {tally.decisions} decisions, {took}"
+        return f"{number_of(tally.events, 'event')}, {number_of(tally.decisions, 'decision')}, {took}"
 
     return Flow(decisions(), summary)

@@ -437,7 +437,7 @@ def test_a_terminal_that_knows_no_letter_of_a_unit_is_written_to(tmp_path, monke
     with pytest.raises(SystemExit) as end:
         cli.main()
     assert (end.value.code, capsys.readouterr().err) == (0, "")
-    assert shown.getvalue() == b"x.h5: 1 trials of 1 classes, 2 taxels, 0.1 s at 20 Hz, in \\xb5V\n"
+    assert shown.getvalue() == b"x.h5: 1 trial of 1 class, 2 taxels, 0.1 s at 20 Hz, in \\xb5V\n"
 
 
 @pytest.mark.parametrize("write_through", [False, True], ids=["buffered", "at once"])

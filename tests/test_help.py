@@ -66,6 +66,17 @@ def test_the_help_of_the_program_has_each_command_once_by_task_with_study_first(
     assert "\nCommands:\n" in printed(capsys, monkeypatch, "study", "--help")
 
 
+@pytest.mark.parametrize("group", ["", "study", "import", "simulate"])
+@pytest.mark.parametrize("width", ["40", "80", "120"])
+def test_no_line_of_a_command_is_cut(group, width, capsys, monkeypatch):
+    monkeypatch.setenv("COLUMNS", width)
+    said = printed(capsys, monkeypatch, *group.split(), "--help")
+    assert not [line for line in said.splitlines() if line.endswith("...") and not line.endswith("[ARGS]...")]
+    lines = {name.split()[-1]: inner for name, inner in COMMANDS.items() if group and name.startswith(f"{group} ")}
+    for name, inner in lines.items():
+        assert "".join(inner.help.partition("\n\n")[0].split()) in "".join(said.split()), name
+
+
 def test_the_help_of_calibrate_says_which_membranes_own_recordings_has(capsys, monkeypatch):
     said = " ".join(printed(capsys, monkeypatch, "calibrate", "--help").split())
     own_ms, given_ms = (

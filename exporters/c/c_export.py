@@ -26,7 +26,7 @@ from neurotact.data.conditioning import HALF
 from neurotact.encoders.afferents import POPULATIONS, AfferentType, marks
 from neurotact.encoders.closed_form import AT_ONCE
 from neurotact.encoders.specs import is_exact
-from neurotact.errors import InputError, some
+from neurotact.errors import InputError, number_of, some
 from neurotact.metrics.synops import REFUSED
 from neurotact.networks.definition.executors import require
 from neurotact.progress import printable
@@ -195,7 +195,7 @@ def title_of(chain: Chain, formats: Formats | None) -> str:
     sizes = f"{chain.network.n_inputs}-{spec.hidden}-{chain.network.n_classes}"
     if chain.takes_events:
         return f"A chain from events to {end}: {sizes} neurons, {kind}."
-    return f"A chain from touch to {end}: {chain.n_taxels} taxels, {sizes} neurons, {kind}."
+    return f"A chain from touch to {end}: {number_of(chain.n_taxels, 'taxel')}, {sizes} neurons, {kind}."
 
 
 def _in_float(chain: Chain, kept: Mapping[str, Matrix]) -> dict[str, Any]:

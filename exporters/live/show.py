@@ -15,7 +15,7 @@ from neurotact.data.dataset import simulator
 from neurotact.data.digests import recorded_digest
 from neurotact.data.recordings import default_channels
 from neurotact.encoders.specs import afferent_names
-from neurotact.errors import InputError
+from neurotact.errors import InputError, number_of
 from neurotact.lazily import lazily
 from neurotact.metrics.synops import SIDES, UNKNOWN
 from neurotact.progress import Tell
@@ -97,7 +97,8 @@ def live(
         raise session.failure
     tally = session.stream.tally
     trouble = sources.trouble_of(tally, session.faults)
-    return f"{tally.samples} samples, {tally.decisions} decisions; {trouble or 'every sample was used unchanged'}"
+    told = f"{number_of(tally.samples, 'sample')}, {number_of(tally.decisions, 'decision')}"
+    return f"{told}; {trouble or 'every sample was used unchanged'}"
 
 
 def _feed_at_its_rate(

@@ -1,5 +1,6 @@
 """`neurotact save`: the network of a run, or of recordings, with as little energy as its accuracy allows."""
 
+import shlex
 from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
@@ -143,9 +144,8 @@ def best_of_study(folder: Path, tell: Tell) -> Path:
     answers = files.read_json(report).get("answers", []) if report.is_file() else []
     names = [one["leader"] for one in answers if one.get("leader")]
     if not names:
-        raise InputError(
-            f"{folder}: its report names no network; run `neurotact study run {folder / STUDY}` to its end"
-        )
+        resuming = f"neurotact study resume {shlex.quote(str(folder))}"
+        raise InputError(f"{folder}: its report names no network; {resuming} goes on to its end")
     best = folder / "cells" / names[0]
     if not (best / run_folder.NETWORK).is_file():
         raise InputError(f"{best}: holds no network; give the folder of a study that holds its cells")

@@ -15,6 +15,7 @@ from neurotact.api.arguments import Conditions, LeftOut, Settings, Tell, check_i
 from neurotact.data import encoded_from, hdf5
 from neurotact.data.augmentation import AUTO, NONE, AugmentationSpec, in_words
 from neurotact.data.conditioning import acausal_note
+from neurotact.data.description import held_line
 from neurotact.data.digests import recorded_trials
 from neurotact.data.recordings import Recordings, Trials
 from neurotact.data.spikes import SpikeTrains
@@ -25,7 +26,7 @@ from neurotact.encoders.encoding import Encoded, encode_recordings
 from neurotact.encoders.encoding import encode_file as write_encoded
 from neurotact.encoders.model import DrivenSpec, EncoderSpec
 from neurotact.encoders.sensitivity import sensitivities_of, value_of
-from neurotact.errors import InputError
+from neurotact.errors import InputError, number_of
 from neurotact.lazily import lazily
 from neurotact.progress import Advance, track
 from neurotact.progress import silent as silently
@@ -115,8 +116,8 @@ def encode_file(
     for complaint in firing.complaints(encoded.fired, encoded.steps, encoded.clock_Hz, what):
         log.warning("%s", complaint)
     tell(
-        f"{out}: {encoded.trials} trials, {encoded.fired.sum()} spikes of {len(encoded.fired)} afferents "
-        f"in {encoded.steps / encoded.clock_Hz:.1f} s"
+        f"{out}: {number_of(encoded.trials, 'trial')}, {number_of(encoded.fired.sum(), 'spike')} of "
+        f"{number_of(len(encoded.fired), 'afferent')} in {encoded.steps / encoded.clock_Hz:.1f} s"
     )
     if varied is not None:
         tell(f"beside {varied.copies} copies of each trial for training, {in_words(varied.kind, varied)}")
@@ -194,7 +195,7 @@ def calibrate(
         calibrated = fit(training, start, advance, rule) if compared is None else compared.best
         at_rest = firing.resting_table(training, calibrated.encoder, rest_ms)
         left = tools.what_survives(training, calibrated.encoder) if survives else None
-    trials = f"{len(training)} training trials"
+    trials = f"{number_of(len(training), 'training trial')}"
     if out:
         about = f"{trials} (split seed {split.seed}) of {Path(source).name}"
         origin = encoder if isinstance(encoder, (str, Path)) else "an encoder"
@@ -261,12 +262,13 @@ def save_raster(
     stop_s: float | None = None,
     recordings: str | Path | None = None,
     force: bool = False,
+    tell: Tell = silent,
 ) -> None:
     """Draw a trial of a file of spikes (.png, .svg, .pdf), or write the spikes of all (.csv, .nwb): `neurotact raster`.
 
     trial: the one that is drawn, 0 if None. start_s, stop_s: the part that is drawn; the whole trial if None.
     recordings: the file that was encoded, where it moved since; without one the signal is left out, which is logged.
-    force: replace a file.
+    force: replace a file. tell: called with the line that `neurotact raster` prints.
     Raises InputError for a file that exists, another suffix, and a trial that does not exist.
 
     >>> nt.save_raster("spikes.h5", "spikes.csv")
@@ -289,6 +291,8 @@ def save_raster(
     else:
         signal = _signal_of(trains, trial, recordings, spikes)
         raster.write_raster(trains, trial, out, signal=signal, start_s=start_s or 0.0, stop_s=stop_s)
+    held = held_line(trains)
+    tell(f"{out}: {held}" if held else str(out))
 
 
 def _units(encoder: EncoderSpec) -> dict[str, str]:

@@ -22,7 +22,7 @@ from neurotact.data.recordings import Recordings
 from neurotact.data.spikes import SpikeTrains
 from neurotact.data.trial_choice import TrialChoice, chosen_trials
 from neurotact.data.window_choice import timing_of
-from neurotact.errors import InputError, some
+from neurotact.errors import InputError, number_of, some
 from neurotact.progress import track
 from neurotact.repeated_warnings import in_few_lines
 from neurotact.spec import takes_specs
@@ -261,14 +261,15 @@ def fetch(name: str | None = None, out: str | Path | None = None, *, show: Tell 
         n_files = public.fetch(name, folder, advance)
     n_there = len(public.registry_of(name)) - n_files
     command = f"import {about.reader}" if about.reader else "train"
-    show(f"{folder}: {n_files} files downloaded, {n_there} existed; neurotact {command} reads them")
+    show(f"{folder}: {number_of(n_files, 'file')} downloaded, {n_there} existed; neurotact {command} reads them")
 
 
 def describe(file: str | Path, *, all: bool = False, show: Tell = print) -> None:
     """Tell what a file of recordings or spikes holds, as `neurotact info` does, in lines and tables.
 
-    Classes and conditions, the length and rate of trials, when the touch begins, and the range of each taxel or the
-    rate of each population. all: a row for each taxel, however many there are. show: called with each line and table.
+    Classes and conditions, marks in time, the length and rate of trials, when the touch begins, and the range of each
+    taxel or the rate of each population. all: a row for each taxel, however many there are. show: called with each line
+    and table.
     Raises InputError for a file that is neither.
 
     >>> lines = []
@@ -280,8 +281,10 @@ def describe(file: str | Path, *, all: bool = False, show: Tell = print) -> None
     effects.check(all=all, content=kind)
     if kind == "recordings":
         with hdf5.open_recordings(file) as data:
-            size = f"{len(data)} trials of {len(data.classes)} classes, {data.n_channels} taxels, in {data.unit}"
-            _describe(f"{file}: {size}", data, data.lengths, common_onset_s(data), show)
+            of = f"{number_of(len(data.classes), 'class')}, {number_of(data.n_channels, 'taxel')}, in {data.unit}"
+            _describe(
+                f"{file}: {number_of(len(data), 'trial')} of {of}", data, data.lengths, common_onset_s(data), show
+            )
             taxels = description.taxels_table(data)
             is_short = all or len(taxels) <= MOST_TAXELS
             show(taxels if is_short else description.taxels_summary(taxels))
@@ -294,6 +297,8 @@ def describe(file: str | Path, *, all: bool = False, show: Tell = print) -> None
         spikes = hdf5.load_spikes(file)
         _describe(f"{file}: {spikes!r}", spikes, np.asarray(spikes.trial_steps), timing_of(spikes).touch_s, show)
         show(description.afferents_table(spikes))
+        if held := description.held_line(spikes):
+            show(held)
         lines = doubtful.lines(spikes)
     for line in lines:
         show(line)
@@ -310,6 +315,9 @@ def _describe(
             "(`nt.train(..., window=nt.Window(start_ms=...))`)"
         )
     show(description.conditions_table(data.conditions))
+    if data.marks is not None and len(data.marks):
+        line = description.marks_line(data.marks, float(lengths.sum()) / data.sampling_rate_Hz)
+        show(f"{line} (`nt.train(..., learn=nt.Learn(target='events'))`)")
 
 
 def load(path: str | Path) -> Recordings | SpikeTrains:

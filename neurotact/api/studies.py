@@ -8,6 +8,7 @@ from neurotact import files, progress, spec, tables
 from neurotact import workers as processes
 from neurotact.api.arguments import Conditions, LeftOut, Settings
 from neurotact.data import hdf5
+from neurotact.data.dataset import expand
 from neurotact.data.splits import Splits, SplitSpec, each_left_out
 from neurotact.data.trial_choice import TrialChoice, chosen_trials
 from neurotact.data.windows import WindowSpec
@@ -111,7 +112,8 @@ def study_answer(folder: str | Path) -> dict[str, Any]:
     places = {store.STUDY: str(Path(folder).absolute())}
     for then in [one["next"] for one in answer["answers"] if one.get("next", {}).get("commands")]:
         if store.RECORDINGS not in places and any(store.RECORDINGS in command for command in then["commands"]):
-            places |= {store.RECORDINGS: str(spec.read(Path(folder) / runner.STUDY)["dataset"].get("file"))}
+            file = str(spec.read(Path(folder) / runner.STUDY)["dataset"].get("file"))
+            places |= {store.RECORDINGS: str(expand(file).absolute())}
         then["commands"] = [store.moved(command, places) for command in then["commands"]]
     return answer | {"report": str(Path(folder) / store.PAGE)}
 

@@ -35,6 +35,7 @@ from neurotact.data.splits import Split
 from neurotact.data.windows import Windows
 from neurotact.encoders.cost import encoding_cost
 from neurotact.encoders.specs import taxels_of
+from neurotact.errors import number_of
 from neurotact.metrics import paired
 from neurotact.metrics.flops import Cost, Moments, Standardise, changed, cost, passed
 from neurotact.metrics.signal_flops import Averaging, StandardisedSteps
@@ -183,7 +184,7 @@ def signal_inputs(
     n_bins = min(BINS, least)
     binned = averaged(pieces, n_bins)
     made = cost(Averaging(samples, n_bins, taxels), signal_ms=cuts.length_ms)
-    yield Input(SIGNALS, _bins(n_bins), None, binned.reshape(len(binned), -1), made, of_features)
+    yield Input(SIGNALS, number_of(n_bins, "time bin"), None, binned.reshape(len(binned), -1), made, of_features)
     n_bands = 0 if opponents == "quick" else min(BANDS, least // 2)
     if n_bands:
         powers = np.array([band_powers(piece, n_bands).ravel() for piece in pieces])
@@ -253,7 +254,8 @@ def spike_inputs(
     yield Input(source, "counts", pair, counts.sum(axis=1).astype(float), made, of_features)
     if opponents == "readout":
         return
-    yield Input(source, _bins(n_bins), pair, counts.reshape(n_windows, -1).astype(float), made, of_features)
+    flat = counts.reshape(n_windows, -1).astype(float)
+    yield Input(source, number_of(n_bins, "time bin"), pair, flat, made, of_features)
     if opponents == "linear" or source != EVENTS or not is_first:
         return
     for words, n_sequence, of_sequences in _sequences_of("steps", cuts, n_steps, opponents):
@@ -400,7 +402,3 @@ def _row(
         },
         **{name: value for name, value in spent.items() if name != "sops"},
     }
-
-
-def _bins(n: int) -> str:
-    return f"{n} time bin{'' if n == 1 else 's'}"

@@ -32,8 +32,8 @@ def fetch(given: dict[str, Any]) -> None:
 def info(given: dict[str, Any]) -> None:
     """Describe the content of a file of recordings or spikes.
 
-    Prints its classes and conditions, the length and the rate of its trials, when the touch begins, and the range of
-    each taxel or the rate of each population. Use it after an import: it shows a wrong unit, a dead taxel, a clock
-    column among the taxels, copies of a trial, or a class with two names.
+    Prints its classes, conditions and marks in time, the length and the rate of its trials, when the touch begins, and
+    the range of each taxel or the rate of each population. Use it after an import: it shows a wrong unit, a dead taxel,
+    a clock column among the taxels, copies of a trial, or a class with two names.
     """
     api.describe(**given, show=show)

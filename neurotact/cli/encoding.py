@@ -59,5 +59,4 @@ def raster(given: dict[str, Any]) -> None:
 
     The signal is drawn above the spikes.
     """
-    api.save_raster(**given)
-    print(given["out"])
+    api.save_raster(**given, tell=show)

@@ -16,8 +16,9 @@ Help = str | Callable[[], str]
 
 
 def new_app(help: str = "") -> typer.Typer:
-    """An app whose help is plain text."""
-    return typer.Typer(help=help, add_completion=False, pretty_exceptions_enable=False, rich_markup_mode=None)
+    """An app whose help is plain text, with the whole line of each command."""
+    plain: dict[str, Any] = {"add_completion": False, "pretty_exceptions_enable": False, "rich_markup_mode": None}
+    return typer.Typer(cls=lazy_group(dict, str), help=help, **plain)
 
 
 def command_of(function: Callable[..., None]) -> Any:

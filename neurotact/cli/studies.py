@@ -87,7 +87,7 @@ def _run(function: Callable[..., Any], given: dict[str, Any], as_json: bool) -> 
     try:
         function(**given)
     except KeyboardInterrupt:
-        go_on = f"go on with: neurotact study resume {folder}"
+        go_on = f"go on with: {api.store.resuming(folder)}"
         say(f"interrupted; {go_on if api.is_begun(folder) else 'the study had not begun; nothing is saved'}")
         sys.exit(INTERRUPTED)
     _print_answer(folder, as_json)

@@ -10,8 +10,8 @@ Other rooms take:
     copies: Copies, are_telling, copies_of, equal_examples, joined, with_touches
     dataset: DatasetSpec, Progress, Reader, SOURCES, Simulator, expand, load_recordings, load_touches, reader,
         simulator, until
-    description: MOST_TAXELS, afferents_table, conditions_table, constant_taxels, lengths_line, taxels_summary,
-        taxels_table
+    description: MOST_TAXELS, afferents_table, conditions_table, constant_taxels, held_line, lengths_line,
+        marks_line, taxels_summary, taxels_table
     digests: DIGEST, DIGITS, TOUCH, content_digest, recorded_digest, recorded_trials, spike_digests
     doubtful: check, lines, of_copies, warn
     encoded_from: AbsentError, find, opened

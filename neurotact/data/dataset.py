@@ -182,6 +182,11 @@ class DatasetSpec(Spec):
         return TrialChoice(self.where, self.leave_out)
 
     @property
+    def recordings(self) -> Path | None:
+        """The whole path of the file of recordings."""
+        return None if self.file is None else expand(self.file).absolute()
+
+    @property
     def source(self) -> str:
         """The file or folder that is read, or the name of the simulation."""
         return self.file or self.path or (self.arrays.path if self.arrays else self.simulate) or ""

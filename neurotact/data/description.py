@@ -6,6 +6,7 @@ import numpy as np
 
 from neurotact.data.recordings import Trials
 from neurotact.data.spikes import SpikeTrains
+from neurotact.errors import some
 from neurotact.lazily import lazily
 
 with lazily():
@@ -85,7 +86,7 @@ def constant_taxels(taxels: pd.DataFrame) -> list[str]:
 def afferents_table(trains: SpikeTrains) -> pd.DataFrame:
     """A row per population: its afferents, those that never fire, and the mean rate of an afferent in Hz."""
     counts = np.bincount(np.concatenate(trains.units), minlength=len(trains.afferents))
-    seconds = float(trains.trial_steps.sum()) / trains.sampling_rate_Hz
+    seconds = float(trains.held_steps.sum()) / trains.sampling_rate_Hz
     rows = [
         {
             "population": name, "afferents": len(members), "silent": int((counts[members] == 0).sum()),
@@ -94,6 +95,27 @@ def afferents_table(trains: SpikeTrains) -> pd.DataFrame:
         for name, members in trains.populations.items()
     ]  # fmt: skip
     return pd.DataFrame(rows)
+
+
+def held_line(trains: SpikeTrains) -> str:
+    """How far the spikes of trials are held, in words; empty if to their end."""
+    if trains.until_s is None:
+        return ""
+    return f"spikes of the first {trains.until_s:g} s of a trial alone: a study keeps those of its windows"
+
+
+def marks_line(marks: pd.DataFrame, seconds: float) -> str:
+    """The marks in time in words. seconds: of all trials.
+
+    >>> marks = {"trial": [0, 1], "start_s": [1.0, 0.0], "stop_s": [1.5, 1.5], "label": ["slip", "slip"]}
+    >>> marks_line(pd.DataFrame(marks), 8.0)
+    'marks in time: slip (2, 0.5 to 1.5 s long); 25 % of the time has one'
+    """
+    lasts, parts = marks["stop_s"] - marks["start_s"], []
+    for label, own in lasts.groupby(marks["label"]):
+        ends = dict.fromkeys(f"{end:.3g}" for end in (own.min(), own.max()))
+        parts.append(f"{label} ({len(own)}, {' to '.join(ends)} s long)")
+    return f"marks in time: {some(parts, MOST_VALUES)}; {100 * lasts.sum() / seconds:.2g} % of the time has one"
 
 
 def lengths_line(steps: np.ndarray, rate_Hz: float) -> str:

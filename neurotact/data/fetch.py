@@ -7,6 +7,7 @@ exist and are undamaged are not downloaded again. Archives are unpacked beside t
 import gzip
 import hashlib
 import logging
+import shlex
 import shutil
 import tempfile
 import tomllib
@@ -93,7 +94,8 @@ def fetch(
 def _by_hand(name: str, folder: Path) -> str:
     """The manual steps for a set that is not downloaded."""
     about = public_set(name)
-    then = f"; then run neurotact import {about.reader} {folder / about.opens} -o {name}.h5" if about.reader else ""
+    place = shlex.quote(str(folder / about.opens))
+    then = f"; then run neurotact import {about.reader} {place} -o {name}.h5" if about.reader else ""
     return f"{about.by_hand} from {about.page} to {folder / about.folder}{then}"
 
 

@@ -283,11 +283,12 @@ def spike_writer(
     variations: Variations | None = None,
     recorded_Hz: float | None = None,
     marks: pd.DataFrame | None = None,
+    until_s: float | None = None,
 ) -> Iterator[_SpikeWriter]:
     """Write a spikes file to `path`, whole or not at all: the block appends one trial for each row of `conditions`.
 
     variations: varied copies, of which the recordings are written and not the spikes, unless these are in memory: then
-    they are of the last rows. recorded_Hz: of the recordings. marks: of the trials.
+    they are of the last rows. recorded_Hz: of the recordings. marks: of the trials. until_s: as of `SpikeTrains`.
 
     >>> import tempfile
     >>> path = Path(tempfile.mkdtemp()) / "spikes.h5"
@@ -307,6 +308,8 @@ def spike_writer(
             file.attrs["touch_s"] = touch_s
         if recorded_Hz is not None:
             file.attrs["recorded_Hz"] = recorded_Hz
+        if until_s is not None:
+            file.attrs["until_s"] = until_s
         writer = _SpikeWriter(file, output)
         yield writer
         writer.flush()
@@ -354,7 +357,8 @@ def save_spikes(trains: SpikeTrains, path: str | Path) -> None:
     made = trains.variations is not None and isinstance(trains.variations.source, CopiesWhenRead)
     every = trains if made else trains.with_variations()
     about = (every.conditions, trains.sampling_rate_Hz, trains.afferents, trains.encoder, trains.source)
-    with spike_writer(path, *about, trains.touch_s, trains.variations, trains.recorded_Hz, trains.marks) as writer:
+    more = (trains.touch_s, trains.variations, trains.recorded_Hz, trains.marks, trains.until_s)
+    with spike_writer(path, *about, *more) as writer:
         for trial in (*trains.trials(), *([*every.trials()][len(trains) :])):
             writer.append(trial)
 
@@ -424,6 +428,7 @@ def _spikes(declared: Declared) -> SpikeTrains:
             trial_touches=tuple(declared.texts("trial_touches")) if "trial_touches" in file else (),
             recorded_Hz=_recorded_Hz(file, path),
             marks=_read_marks(declared),
+            until_s=float(attribute(file, "until_s", path)) if "until_s" in file.attrs else None,
         )
         return _with_variations(trains, declared) if "variation_of" in file else trains
     except InputError as error:

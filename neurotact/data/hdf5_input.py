@@ -152,6 +152,7 @@ def reading(path: str | Path, what: str, command: str) -> Iterator[h5py.File]:
         raise
     except (OSError, LookupError, ValueError, TypeError, RuntimeError, AttributeError, MemoryError) as error:
         reason = (str(error).splitlines() or [type(error).__name__])[0].strip("'\"")
+        reason = reason if h5py.is_hdf5(path) else "it is not HDF5"
         kind = content_of(path)
         if kind is not None and kind not in (HDF5, MATLAB):
             raise kind.refusal(path, f"HDF5 and cannot be read as {what}", f"write it again with {command}") from error

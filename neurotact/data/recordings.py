@@ -14,7 +14,7 @@ from numpy.typing import ArrayLike
 
 from neurotact.classes import NO_CLASSES, measurement_in
 from neurotact.data import marks as annotations
-from neurotact.errors import InputError, closest, nearest
+from neurotact.errors import InputError, closest, nearest, number_of
 from neurotact.lazily import lazily
 from neurotact.notebook import html_of
 
@@ -198,8 +198,9 @@ class Recordings(Trials):
         span = f"{lengths.min()}" if lengths.min() == lengths.max() else f"{lengths.min()} to {lengths.max()}"
         seconds = " to ".join(f"{n / self.sampling_rate_Hz:.3g}" for n in dict.fromkeys([lengths.min(), lengths.max()]))
         return (
-            f"Recordings({len(self)} trials x {self.n_channels} taxels, {span} samples at {self.sampling_rate_Hz:g} Hz "
-            f"({seconds} s), {self.unit}, {len(self.classes)} classes)"
+            f"Recordings({number_of(len(self), 'trial')} x {number_of(self.n_channels, 'taxel')}, "
+            f"{span} samples at {self.sampling_rate_Hz:g} Hz ({seconds} s), {self.unit}, "
+            f"{number_of(len(self.classes), 'class')})"
         )
 
     def _repr_html_(self) -> str:
@@ -210,8 +211,8 @@ class Recordings(Trials):
         """The numbers of trials, classes and taxels, the duration, the rate and the unit, in one line."""
         seconds = self.lengths.sum() / self.sampling_rate_Hz
         return (
-            f"{len(self)} trials of {len(self.classes)} classes, {self.n_channels} taxels, "
-            f"{seconds:.1f} s at {self.sampling_rate_Hz:g} Hz, in {self.unit}"
+            f"{number_of(len(self), 'trial')} of {number_of(len(self.classes), 'class')}, "
+            f"{number_of(self.n_channels, 'taxel')}, {seconds:.1f} s at {self.sampling_rate_Hz:g} Hz, in {self.unit}"
         )
 
     def to_unit(self, unit: str) -> Recordings:

@@ -21,7 +21,7 @@ from neurotact.data.recordings import (
     conditions_table,
 )
 from neurotact.data.windows import LONGEST_STEPS, Windows, WindowSpec, cut
-from neurotact.errors import InputError
+from neurotact.errors import InputError, number_of
 from neurotact.files import check_size, room_bytes
 from neurotact.lazily import lazily
 from neurotact.notebook import html_of
@@ -122,6 +122,7 @@ class SpikeTrains:
     variations: varied copies of the trials, for training alone; None if there are none.
     recorded_Hz: samples of the recordings per second; None if unknown.
     marks: as of `Recordings`.
+    until_s: where spikes end that were cut behind the windows of a study (`until`); None: with their trials.
 
     Raises InputError if the lengths do not match, and for spikes out of order or outside their trial.
 
@@ -146,6 +147,7 @@ class SpikeTrains:
     variations: Variations | None = None
     recorded_Hz: float | None = None
     marks: pd.DataFrame | None = None
+    until_s: float | None = None
 
     def __post_init__(self) -> None:
         check_sampling_rate(self.sampling_rate_Hz, "spikes")
@@ -175,12 +177,13 @@ class SpikeTrains:
         return len(self.steps)
 
     def __repr__(self) -> str:
-        seconds = self.trial_steps.sum() / self.sampling_rate_Hz
+        seconds = self.held_steps.sum() / self.sampling_rate_Hz
         n_spikes = sum(map(len, self.steps))
         rate_Hz = n_spikes / seconds / max(1, len(self.afferents)) if seconds else 0.0
         return (
-            f"SpikeTrains({len(self)} trials x {len(self.afferents)} afferents, {n_spikes:,} spikes in {seconds:.3g} s "
-            f"({rate_Hz:.3g} Hz per afferent), clock {self.sampling_rate_Hz:g} Hz, {len(self.classes)} classes)"
+            f"SpikeTrains({number_of(len(self), 'trial')} x {number_of(len(self.afferents), 'afferent')}, {n_spikes:,} "
+            f"spikes in {seconds:.3g} s ({rate_Hz:.3g} Hz per afferent), clock {self.sampling_rate_Hz:g} Hz, "
+            f"{number_of(len(self.classes), 'class')})"
         )
 
     def summary(self) -> str:
@@ -188,8 +191,9 @@ class SpikeTrains:
         counts = {name: len(rows) for name, rows in self.populations.items()}
         shares = f" ({', '.join(f'{n} {name}' for name, n in counts.items())})" if len(counts) > 1 else ""
         return (
-            f"{len(self)} trials of {len(self.classes)} classes, {sum(map(len, self.steps))} spikes of "
-            f"{len(self.afferents)} afferents{shares}, {self.trial_steps[0]} steps at {self.sampling_rate_Hz:g} Hz"
+            f"{number_of(len(self), 'trial')} of {number_of(len(self.classes), 'class')}, "
+            f"{number_of(sum(map(len, self.steps)), 'spike')} of {number_of(len(self.afferents), 'afferent')}{shares}, "
+            f"{self.trial_steps[0]} steps at {self.sampling_rate_Hz:g} Hz"
         )
 
     def _repr_html_(self) -> str:
@@ -217,6 +221,12 @@ class SpikeTrains:
         if not slow.any() and len(self.afferents) and not any(name.startswith("RA") for name in self.afferents):
             slow[next(iter(self.populations.values()))] = True
         return slow
+
+    @property
+    def held_steps(self) -> np.ndarray:
+        """The steps of each trial whose spikes are held, `(trial,)`: all, or those up to `until_s`."""
+        end = math.inf if self.until_s is None else self.until_s * self.sampling_rate_Hz
+        return np.minimum(self.trial_steps, end).round().astype(np.int64)
 
     @property
     def populations(self) -> dict[str, np.ndarray]:
@@ -270,10 +280,17 @@ class SpikeTrains:
     def cut(self, spec: WindowSpec, trials: np.ndarray | None = None) -> Windows:
         """The windows of some trials (of all when absent), with the trial numbers of these spike trains.
 
-        Raises InputError when a trial holds no window, or too many.
+        Raises InputError when a trial holds no window, or too many, and for windows behind `until_s`.
         """
         trials = np.arange(len(self)) if trials is None else np.asarray(trials)
-        return cut(self.trial_steps[trials], self.sampling_rate_Hz, spec, trials, self.begins(spec, trials))
+        windows = cut(self.trial_steps[trials], self.sampling_rate_Hz, spec, trials, self.begins(spec, trials))
+        end_s = max(windows.start + windows.n_steps, default=0) / self.sampling_rate_Hz
+        if self.until_s is not None and end_s > self.until_s:
+            raise InputError(
+                f"window: ends at {end_s:g} s, but the spikes are those of the first {self.until_s:g} s of a trial, "
+                "which a study kept; shorten `length_ms`, give `per_trial=1`, or encode the recordings"
+            )
+        return windows
 
     def begins(self, spec: WindowSpec, trials: np.ndarray) -> np.ndarray | None:
         """The step of each given trial from which `start_ms` counts; None if it is the trial's beginning."""
@@ -322,7 +339,9 @@ class SpikeTrains:
             np.maximum.at(end, cut_into.trial, cut_into.start + cut_into.n_steps)
         kept = [np.searchsorted(steps, last) for steps, last in zip(self.steps, end.tolist(), strict=True)]
         steps, units = ([row[:n] for row, n in zip(rows, kept, strict=True)] for rows in (self.steps, self.units))
-        return replace(self, steps=steps, units=units)
+        is_cut = (end < self.held_steps).any()
+        until_s = float(end.max() / self.sampling_rate_Hz) if is_cut else self.until_s
+        return replace(self, steps=steps, units=units, until_s=until_s)
 
     def counts(self, windows: Windows) -> np.ndarray:
         """Spikes of all afferents in each window, `(window,)` int64: the sums of `raster`."""

@@ -23,7 +23,7 @@ from neurotact.data.copies import copies_of, joined, name_of
 from neurotact.data.recordings import LABEL, Trials, select_conditions
 from neurotact.data.spikes import SpikeTrains
 from neurotact.data.trial_choice import Where, trials_with, values_in_words
-from neurotact.errors import InputError, nearest, some
+from neurotact.errors import InputError, nearest, number_of, some
 from neurotact.lazily import lazily
 from neurotact.spec import OneOrMore, Spec
 
@@ -287,8 +287,8 @@ def split_trials(labels: np.ndarray, spec: SplitSpec, first: np.ndarray | None =
     enough = (np.append(labels, np.repeat(values, (n - counts).clip(0))) for n in count(counts[few] + 1))
     least = counts[few] + next(more for more, its in enumerate(enough, 1) if _drawn(its, spec) is not None)
     raise InputError(
-        f"split: class '{values[few]}' has {_trials(counts[few])}, too few to train, validate and test on; give at "
-        f"least {least} trials per class for these shares"
+        f"split: class '{values[few]}' has {number_of(counts[few], 'trial')}, too few to train, validate and test on; "
+        f"give at least {least} trials per class for these shares"
     )
 
 
@@ -538,8 +538,8 @@ class _Trials(NamedTuple):
             values, counts = np.unique(self.labels, return_counts=True)
             if counts.min() < n_folds:
                 raise InputError(
-                    f"split.folds: class '{values[counts.argmin()]}' has {_trials(counts.min())}, fewer than the "
-                    f"{n_folds} folds; choose fewer folds"
+                    f"split.folds: class '{values[counts.argmin()]}' has {number_of(counts.min(), 'trial')}, fewer "
+                    f"than the {n_folds} folds; choose fewer folds"
                 )
         else:
             self._check_groups(len(np.unique(self.groups)), n_folds)
@@ -570,8 +570,8 @@ class _Trials(NamedTuple):
         if counts.min() < 2 or n_found + len(values) > len(trials):
             rarest = values[counts.argmin()]
             raise InputError(
-                f"split: class '{rarest}' has {_trials(counts.min())} outside the test side, too few to train and "
-                "validate on; add trials"
+                f"split: class '{rarest}' has {number_of(counts.min(), 'trial')} outside the test side, too few to "
+                "train and validate on; add trials"
             )
         _, chosen = train_test_split(trials, test_size=n_found, stratify=strata, random_state=seed)
         self.check_trained(np.setdiff1d(trials, chosen))
@@ -628,8 +628,8 @@ class _Trials(NamedTuple):
     def _check_groups(self, n_groups: int, wanted: int) -> None:
         if n_groups < wanted:
             raise InputError(
-                f"split.group: {', '.join(self.spec.group)} makes {n_groups} group(s) where {wanted} are needed; "
-                "group by another condition, or choose fewer folds"
+                f"split.group: {', '.join(self.spec.group)} makes {number_of(n_groups, 'group')} where {wanted} are "
+                "needed; group by another condition, or choose fewer folds"
             )
 
 
@@ -643,7 +643,8 @@ def _in_order(strata: np.ndarray, ranks: np.ndarray, spec: SplitSpec) -> Split:
         n_train = len(trials) - n_validation - n_test
         if n_train < 1:
             raise InputError(
-                f"split: class '{value}' has {_trials(len(trials))}, too few to train, validate and test on; add trials"
+                f"split: class '{value}' has {number_of(len(trials), 'trial')}, too few to train, validate and test "
+                "on; add trials"
             )
         for side, part in zip(sides, np.split(trials, (n_train, n_train + n_validation)), strict=True):
             side.append(part)
@@ -710,10 +711,6 @@ def _known(conditions: pd.DataFrame, column: str, key: str) -> str:
         known = list(map(str, conditions.columns))
         raise InputError(f"{key}: there is no condition '{column}'; {nearest(column, known)}")
     return column
-
-
-def _trials(n: int) -> str:
-    return "1 trial" if n == 1 else f"{n} trials"
 
 
 def _units_of(conditions: pd.DataFrame, columns: Iterable[str]) -> np.ndarray:

@@ -13,7 +13,7 @@ from neurotact.data.spikes import SpikeTrains
 from neurotact.data.splits import Splits, split_touches
 from neurotact.data.window_choice import ARGUMENTS, suited_window
 from neurotact.data.windows import WindowSpec
-from neurotact.errors import InputError
+from neurotact.errors import InputError, number_of
 from neurotact.notebook import html_of
 from neurotact.spec import takes_specs
 
@@ -217,8 +217,9 @@ class WindowedSpikes:
     def __repr__(self) -> str:
         n_windows, n_steps, n_afferents = self.X.shape
         return (
-            f"WindowedSpikes({n_windows} windows of {n_steps} steps ({self.length_ms:g} ms) x {n_afferents} afferents, "
-            f"{len(np.unique(self.y))} classes, {len(np.unique(self.groups))} trials)"
+            f"WindowedSpikes({number_of(n_windows, 'window')} of {n_steps} steps ({self.length_ms:g} ms) x "
+            f"{number_of(n_afferents, 'afferent')}, {number_of(len(np.unique(self.y)), 'class')}, "
+            f"{number_of(len(np.unique(self.groups)), 'trial')})"
         )
 
     def _repr_html_(self) -> str:

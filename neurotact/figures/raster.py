@@ -165,10 +165,12 @@ def _paint_signal(axes: Axes, signal: np.ndarray, rate_Hz: float, unit: str, sta
 
 
 def _title(trains: SpikeTrains, trial: int) -> str:
-    """The trial's class and conditions in words."""
+    """The trial's class and conditions in words, and how far its spikes are held."""
     row = trains.conditions.iloc[trial]
     others = [in_unit(str(c), row[c]) for c in trains.conditions.columns if str(c).endswith(("_N", "_mm_per_s"))]
-    return ", ".join([f"Trial {trial}: {row['label']}", *others])
+    until_s, is_cut = trains.until_s or 0, trains.held_steps[trial] < trains.trial_steps[trial]
+    shown = [f"spikes of the first {until_s:g} s alone"] if is_cut else []
+    return ", ".join([f"Trial {trial}: {row['label']}", *others, *shown])
 
 
 def _stretch(trains: SpikeTrains, trial: int, start_s: float, stop_s: float | None) -> tuple[float, float]:

@@ -13,7 +13,7 @@ from typing import NamedTuple, Protocol
 
 import numpy as np
 
-from neurotact.errors import InputError
+from neurotact.errors import InputError, number_of
 from neurotact.lazily import lazily
 from neurotact.notebook import html_of
 from neurotact.tables import escaped, to_markdown
@@ -66,16 +66,16 @@ class Synops(NamedTuple):
 
     def __repr__(self) -> str:
         if np.isnan(self.total).any():
-            return f"Synops({len(self.total)} windows; not counted)"
+            return f"Synops({number_of(len(self.total), 'window')}; not counted)"
         means = ", ".join(f"{name} {np.mean(part):,.0f}" for name, part in self._asdict().items() if len(self.total))
-        return f"Synops({len(self.total)} windows; means: {means or 'none'})"
+        return f"Synops({number_of(len(self.total), 'window')}; means: {means or 'none'})"
 
     def table(self) -> pd.DataFrame:
         """A row for each window, and a column for each part.
 
         >>> found = synops(np.array([10]), np.array([4]), n_hidden=30, n_readout=8, recurrent=True)
         >>> found
-        Synops(1 windows; means: input 300, recurrent 120, readout 32, total 452, total_feedforward 332)
+        Synops(1 window; means: input 300, recurrent 120, readout 32, total 452, total_feedforward 332)
         >>> found.table()["total"].tolist()
         [452]
         """

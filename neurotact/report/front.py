@@ -460,10 +460,10 @@ class _OfRun(NamedTuple):
         if choice is None:
             return "", ("", ())
         chosen = self.done[representative(self.rows, choice.network)]
-        file, each = self.study.dataset.file, min(self._trials_of_classes(), default=0)
+        each = min(self._trials_of_classes(), default=0)
         place = cell_folder(self.folder, chosen)
         may_fold = has_one_split(self.study) and each >= automatic.FOLDS
-        places = period_choice.Places(self.folder, place, Path(file) if file else None, may_fold=may_fold)
+        places = period_choice.Places(self.folder, place, self.study.dataset.recordings, may_fold=may_fold)
         sure = period_choice.Sure(sides.trials.test, len(cells), choice.network.seeds, each)
         said = period_choice.in_words(choice, sure, periods.populations(self.study), sample_ms)
         return said, period_choice.next_step(

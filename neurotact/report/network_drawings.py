@@ -7,6 +7,7 @@ from pathlib import Path
 import numpy as np
 import pandas as pd
 
+from neurotact.errors import number_of
 from neurotact.figures import networks as network_figures
 from neurotact.figures.encoding import Classes
 from neurotact.figures.networks import Published
@@ -114,7 +115,7 @@ def _rise_sentence(what: str, listed_rises: list[str], steps: int) -> str:
 
 def _seeds(networks: pd.DataFrame) -> str:
     low, high = networks["seeds"].min(), networks["seeds"].max()
-    return f"{low} to {high} seeds" if low < high else f"{high} seed{'s' if high > 1 else ''}"
+    return f"{low} to {high} seeds" if low < high else number_of(high, "seed")
 
 
 def _trade_off(

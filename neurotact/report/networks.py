@@ -11,6 +11,7 @@ from neurotact import plugins
 from neurotact.baselines import opponents
 from neurotact.data.spikes import SpikeTrains
 from neurotact.encoders.cost import NOT_COUNTED
+from neurotact.errors import number_of
 from neurotact.figures.columns import quantity
 from neurotact.figures.encoding import Classes
 from neurotact.figures.style import Drawn
@@ -129,7 +130,8 @@ def write(
     cautions = front.beware(study, folder, done, fronts, trains)
     among = plugins.load_function("tools", "among_encoders")(study, fronts, results.join(spent), beside)
     shared = {"among": among.words, "tables": [among.table._asdict()]} if among and among.table else {}
-    places = {file: store.RECORDINGS for file in [study.dataset.file] if file} | {str(folder.absolute()): store.STUDY}
+    places = {str(file): store.RECORDINGS for file in [study.dataset.recordings] if file}
+    places[str(folder.absolute())] = store.STUDY
     write_json(folder / ANSWER, _answers_as_json(fronts, cautions, places) | shared)
     shown = fronts[_first_shown(fronts)]
     of_best = shown.cells[shown.answer.rows.index(shown.answer.best)]
@@ -199,13 +201,8 @@ def _counted(results: pd.DataFrame) -> str:
     are_pairs = results["pair"].str.contains("&", regex=False).any()
     period = "pair of refractory periods" if are_pairs else "refractory period"
     axes = {"pair": period, "hidden": "size", "dataset": "data set", "seed": "seed"}
-    parts = [_number_of(results[column].nunique(), word) for column, word in axes.items()]
-    return f"{_number_of(len(results), 'network')}: {', '.join(parts)}"
-
-
-def _number_of(n: int, word: str) -> str:
-    first, _, rest = word.partition(" of ")
-    return f"{n} {first}{'' if n == 1 else 's'}{' of ' + rest if rest else ''}"
+    parts = [number_of(results[column].nunique(), word) for column, word in axes.items()]
+    return f"{number_of(len(results), 'network')}: {', '.join(parts)}"
 
 
 def _first_shown(fronts: Sequence[Front]) -> int:

@@ -20,6 +20,7 @@ from markupsafe import Markup
 from plotly.offline import get_plotlyjs
 
 from neurotact import plugins
+from neurotact.errors import number_of
 from neurotact.figures.style import Drawn, save
 from neurotact.files import read_json, write_text
 from neurotact.spec import assignments_of
@@ -163,8 +164,8 @@ def _timing_sentence(folder: Path) -> str:
     beside = [f"{row['part']} {row['seconds']:.1f} s" for _, row in every[every["cell"].isna()].iterrows()]
     before = f" Before them: {', '.join(beside)}." if beside else ""
     took = (
-        f"{len(timings)} cells took {_duration(seconds.sum())} of worker time: {seconds.median():.1f} s in the median, "
-        f"{seconds.max():.1f} s at most"
+        f"{number_of(len(timings), 'cell')} took {_duration(seconds.sum())} of worker time: {seconds.median():.1f} s "
+        f"in the median, {seconds.max():.1f} s at most"
     )
     if "epochs" not in timings:
         return f"{took}.{before}"

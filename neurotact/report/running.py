@@ -2,6 +2,7 @@
 
 import csv
 import json
+import shlex
 from collections.abc import Iterator, Sequence
 from datetime import datetime
 from html import escape
@@ -10,6 +11,7 @@ from pathlib import Path
 from time import monotonic
 from typing import Any
 
+from neurotact.errors import number_of
 from neurotact.files import write_text
 from neurotact.progress import Watcher, time_left
 from neurotact.studies.store import PAGE, RESULT
@@ -74,14 +76,15 @@ def _page(title: str, folder: Path, shown: str, parts: str, rows: Sequence[dict[
     body = "".join(f"<tr>{''.join(f'<td>{value}</td>' for value in values)}</tr>" for values in shown_rows)
     older = f", the newest {MOST_SHOWN}" if len(rows) > MOST_SHOWN else ""
     table = (
-        f'<div class="scroll" role="region" aria-label="Finished cells" tabindex="0"><table><caption>{len(rows)} cells '
-        f"are finished{older}. Test trials are shown when all are.</caption><thead><tr>{heads}"
+        f'<div class="scroll" role="region" aria-label="Finished cells" tabindex="0"><table><caption>'
+        f"{number_of(len(rows), 'cell')} finished{older}. Test trials are shown when all are.</caption><thead><tr>"
+        f"{heads}"
         f'<th scope="col">loss over epochs: training, validation (dashed)</th></tr></thead><tbody>{body}</tbody>'
         "</table></div>"
         if rows
         else ""
     )
-    name = escape(str(folder))
+    here = escape(shlex.quote(str(folder.absolute())))
     return f"""<!DOCTYPE html>
 <html lang="en">
 <head>
@@ -102,8 +105,8 @@ def _page(title: str, folder: Path, shown: str, parts: str, rows: Sequence[dict[
 <p class="headline">This study is still running: {escape(shown)}.</p>
 <ul>{at}</ul>
 <p>Written at {datetime.now():%H:%M:%S on %d %B %Y}; the page loads itself again every 5 s. If this time stays, the
-study was stopped: <code>neurotact study resume {name}</code> goes on with it, and
-<code>neurotact study report {name}</code> writes the report of the finished cells.</p>
+study was stopped: <code>neurotact study resume {here}</code> goes on with it, and
+<code>neurotact study report {here}</code> writes the report of the finished cells.</p>
 {table}
 </main>
 </body>

@@ -168,16 +168,16 @@ def closed(table: dict[str, Any]) -> tuple[dict[str, Any], set[str]]:
 
 
 def placed(table: Any, path: Path) -> Any:
-    """A table of a study file with the files and folders that it names where they are: beside it, or in this folder.
+    """A table of a study file with the whole paths of what it names: files and folders beside it, or in this folder.
 
-    path: of the study file. A name in this folder, of nothing that exists, or with `$NEUROTACT_DATA` stays as it is.
+    path: of the study file. A name of nothing that exists, or with `$NEUROTACT_DATA`, stays as it is.
     """
     if not isinstance(table, Mapping):
         return table
     settings = {key: placed(value, path) for key, value in table.items()}
     for key in {"file", "path"} & {*settings}:
         near = files.place_of(path, settings[key]) if isinstance(settings[key], str) and settings[key] else None
-        if near is not None and near != Path(settings[key]):
+        if near is not None:
             settings[key] = str(near.absolute())
     return settings
 

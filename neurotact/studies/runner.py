@@ -3,6 +3,7 @@
 A damaged file is written again, and a line on stderr names it.
 """
 
+import shlex
 from collections.abc import Sequence
 from contextlib import ExitStack
 from pathlib import Path
@@ -118,16 +119,16 @@ def write_tables(folder: Path) -> None:
         for cell in cells:
             why = store.damage(folder, cell)
             if why is not None and not is_done(folder, cell):
-                say(f"{_place(cell)}: {why}; left out, neurotact study resume {folder} computes it again")
+                say(f"{_place(cell)}: {why}; left out, {store.resuming(folder)} computes it again")
         if beside := engine.beside(folder, study, cells, True):
-            say(f"{folder}: {beside.name} are not done; left out, neurotact study resume {folder} computes them")
+            say(f"{folder}: {beside.name} are not done; left out, {store.resuming(folder)} computes them")
         _write_tables(engine, study, cells, folder)
 
 
 def load(folder: Path) -> Study:
     """The study of a run folder; InputError if there is none, or if `study.toml` was edited."""
     path = files.existing(folder, "folder") / STUDY
-    again = f"neurotact study run NAME -o {folder}"
+    again = f"neurotact study run NAME -o {shlex.quote(str(folder))}"
     if not path.is_file():
         raise InputError(f"{folder}: holds no study; start one with {again}")
     study, known = read_back(path), store.read(folder)
@@ -139,7 +140,7 @@ def load(folder: Path) -> Study:
     if known.made_from != _made_from(study):
         raise InputError(
             f"{path}: was changed since the study began, or another version of neurotact began it; restore it with "
-            f"{again}, or run this study in another folder: neurotact study run {path} -o ANOTHER"
+            f"{again}, or run this study in another folder: neurotact study run {shlex.quote(str(path))} -o ANOTHER"
         )
     return study
 
@@ -149,7 +150,7 @@ def _write_tables(engine: Engine, study: Study, cells: list[Any], folder: Path) 
     every = engine.wanted(study, cells, folder)
     done = [cell for cell in every if is_done(folder, cell)]
     if not done:
-        raise InputError(f"{folder}: no cell is done yet; run neurotact study resume {folder}")
+        raise InputError(f"{folder}: no cell is done yet; run {store.resuming(folder)}")
     if len(done) < len(every):
         say(f"{folder}: {len(done)} of {len(every)} cells are done; the tables contain only these")
     tables = engine.tables(folder, study, [(cell, store.result_of(folder, cell)) for cell in done])

@@ -125,7 +125,7 @@ def check(folder: Path, paths: Iterable[str]) -> None:
         parent, name = (folder / path).parent, Path(path).name
         flaw = flaws(parent, [name]).get(name)
         if flaw is not None and (parent / name).is_file():
-            raise InputError(f"{folder / path}: {flaw}; neurotact study resume {folder} writes it again")
+            raise InputError(f"{folder / path}: {flaw}; {resuming(folder)} writes it again")
 
 
 def sound_json(folder: Path, name: str) -> Any:
@@ -248,6 +248,15 @@ def timing_of(folder: Path, cell: AnyCell) -> dict[str, float]:
     parts = ("seconds", "epochs")
     known: dict[str, Any] = {name: table.get(name) for name in parts} if isinstance(table, dict) else {}
     return {name: value for name, value in known.items() if type(value) in (int, float) and 0 <= value < math.inf}
+
+
+def resuming(folder: Path) -> str:
+    """The command that goes on with the study in a folder.
+
+    >>> resuming(Path("my runs/mine"))
+    "neurotact study resume 'my runs/mine'"
+    """
+    return shlex.join(["neurotact", "study", "resume", str(folder)])
 
 
 def moved(command: str, places: Mapping[str, str]) -> str:

@@ -83,7 +83,7 @@ class StudySpec(Spec):
     """A study with its complete encoder and network (`studies/*.toml` after `resolve`)."""
 
     folder: ClassVar[str] = "studies"
-    words: ClassVar[set[str]] = {"title", "about", "claims", "notes", "as_shipped", "prices"}
+    words: ClassVar[set[str]] = {"title", "about", "claims", "notes", "as_shipped", "as_run", "prices"}
     """Keys that change none of the numbers of cells: a report can be written again with other words and prices."""
     way: str = NETWORKS
     """The entry point of the group `neurotact.ways` that runs the study."""
@@ -98,6 +98,8 @@ class StudySpec(Spec):
     """The choices made for the recordings, in words."""
     as_shipped: bool = False
     """Whether this is a complete shipped study without changes: only then do the reasons of its claims apply."""
+    as_run: bool = False
+    """Whether a run wrote this file, with what its way adds to a study (`Engine.own`): it is not added again."""
     calibrate: bool = False
     """Fit the encoder's baseline, standardisation and gains on the training trials (as `neurotact calibrate` does)."""
     choose_ema: bool = False
@@ -302,6 +304,7 @@ def resolve(
     values = {key: value for key, value in overrides.items() if key not in axes}
     table = specs.override(table, sweeps.unswept(table["sweep"], values, path))
     table = automatic.with_file(table, data, path)
+    table |= {key: automatic.placed(table[key], Path("set")) for key in ("dataset",) if key in table}  # of `overrides`
     search = table.get("search", {})
     if isinstance(search, dict) and isinstance(search.get("space"), str):
         search["space"] = spaces.load_space(str(_relative_to(path, search["space"])))

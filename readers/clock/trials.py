@@ -15,7 +15,7 @@ from neurotact.data.readers.clock.units import UNIT_S, Unit, timings
 from neurotact.data.readers.columns import Missing, Samples
 from neurotact.data.readers.table.headings import check_first_row, rate_in
 from neurotact.data.recordings import LABEL, Recordings, check_named_classes
-from neurotact.errors import InputError, some
+from neurotact.errors import InputError, number_of, some
 from neurotact.files import check_size
 from neurotact.lazily import lazily
 
@@ -212,10 +212,13 @@ def _same_names(read: Sequence[Read]) -> tuple[str, ...]:
     """The names of the channels, which every trial that has names has in the same order; all have as many channels."""
     first, expected = read[0].file, read[0].table.signal.shape[1]
     for trial in read:
-        if trial.table.signal.shape[1] != expected:
+        if (found := trial.table.signal.shape[1]) != expected:
+            more, fewer = (trial, read[0]) if found > expected else (read[0], trial)
+            others = [name for name in more.table.names if name not in fewer.table.names] if fewer.table.names else []
+            of = f" ({some(others)} {'is' if len(others) == 1 else 'are'} not in {fewer.file})" if others else ""
             raise InputError(
-                f"{trial.where}: has {trial.table.signal.shape[1]} channels where {first} has {expected}; "
-                "every trial needs the same taxels"
+                f"{trial.where}: has {number_of(found, 'channel')} where {first} has {expected}{of}; move the file "
+                "away, or name taxels that all files have with `columns`"
             )
     named = [trial for trial in read if trial.table.names]
     for trial in named:

@@ -36,7 +36,7 @@ from neurotact.data.readers.table.cells import (
 from neurotact.data.readers.table.headings import named_table
 from neurotact.data.recordings import LABEL
 from neurotact.data.spikes import SpikeTrains
-from neurotact.errors import InputError, nearest, some
+from neurotact.errors import InputError, nearest, number_of, some
 from neurotact.files import below, check_size, existing, is_hidden
 from neurotact.lazily import lazily
 from neurotact.spec import build
@@ -205,7 +205,7 @@ def _of_folder(folder: Path, spec: EventSpec, names: Mapping[str, str], naming: 
         raise InputError(f"{folder}: holds no {', '.join(OF_TRIALS)} file; add one")
     if ignored:
         shown = some([path.relative_to(folder).as_posix() for path in ignored])
-        log.warning("%s: %d files are ignored (hidden, or not events): %s", folder, len(ignored), shown)
+        log.warning("%s: ignores %s (hidden, or not events): %s", folder, number_of(len(ignored), "file"), shown)
     conditions = conditions_of([path.relative_to(folder).as_posix() for path in paths], naming, folder)
     parts, n_bytes = [], 0
     for path in paths:
@@ -245,7 +245,7 @@ def _of_columns(
         _check_no_raster(columns, roles.values(), path)
         absent = "time" if time_name is None else "channel"
         raise InputError(
-            f"{path}: no column is called {absent} ({', '.join(list(columns)[:12])}); name it with "
+            f"{path}: no column is called {absent} ({some(list(columns), 12)}); name it with "
             f"`names={{{absent!r}: ...}}`"
         )
     said_unit = spec.time_unit or unit_in(time_name) or ("us" if is_grid or usual == "us" else None)

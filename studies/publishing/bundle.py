@@ -3,6 +3,7 @@
 import hashlib
 import os
 import re
+import shlex
 import shutil
 from collections.abc import Iterator, Mapping
 from contextlib import contextmanager, suppress
@@ -111,7 +112,7 @@ def bundle_study(
     cells = list(loading.engine_of(what).cells(what))
     wanted = loading.engine_of(what).wanted(what, cells, folder)
     if not all(store.is_done(folder, cell) for cell in wanted):
-        raise InputError(f"{folder}: is not finished; neurotact study resume {folder} goes on with it")
+        raise InputError(f"{folder}: is not finished; {store.resuming(folder)} goes on with it")
     table, sources = _placed(specs.read(folder / runner.STUDY))
     listed = _hashes(sources)
     target.parent.mkdir(parents=True, exist_ok=True)
@@ -150,7 +151,7 @@ def bundle_study(
         os.replace(draft, target)
     for name in [] if without_data else references.sets(what):
         tell(f"{target}/data: holds recordings of {name}; licence: {SETS[name].licence}")
-    tell(f"{target}: run the study again and compare with sh {target}/{AGAIN}")
+    tell(f"{target}: run the study again and compare with sh {shlex.quote(f'{target}/{AGAIN}')}")
     return target
 
 

@@ -82,7 +82,7 @@ def own(table: Mapping[str, Any], given: Mapping[str, Any], quick: bool, data: s
         conditions, marks = chosen.conditions, chosen.marks
     names = ", ".join(parameters.target)
     title = str(table.get("title", "A study")).removesuffix(f": {names}")
-    changes = {**LEFT_OUT, "title": f"{title}: {names}"}
+    changes = {**LEFT_OUT, "as_run": True, "title": f"{title}: {names}"}
     if parameters.target != (EVENTS,):
         numbers.check(conditions, parameters.target, conditions.index.to_numpy())
         classes = f"ranges of {parameters.target[0]} with equal numbers of training trials"
@@ -98,10 +98,14 @@ def own(table: Mapping[str, Any], given: Mapping[str, Any], quick: bool, data: s
 
 
 def _is_as_run(table: Mapping[str, Any], parameters: Parameters, given: Mapping[str, Any]) -> bool:
-    """Whether a study file was written by a run, and has what is its own already: its notes say so."""
-    has_own = any(str(note).startswith(("Numbers: ", "Events: ")) for note in table.get("notes", ()))
+    """Whether a study file was written by a run, and has what is its own already.
+
+    Files written before `as_run` was have notes that say so.
+    """
+    notes = table.get("notes", ())
+    has_own = table.get("as_run") or any(str(note).startswith(("Numbers: ", "Events: ")) for note in notes)
     is_changed = any(key.startswith(("window", "network")) for key in given)
-    return has_own and not is_changed and parameters == parameters_of(table.get("parameters", {}))
+    return bool(has_own) and not is_changed and parameters == parameters_of(table.get("parameters", {}))
 
 
 def _check(table: Mapping[str, Any], given: Mapping[str, Any]) -> None:

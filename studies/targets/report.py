@@ -108,8 +108,7 @@ def _next(study: StudySpec, folder: Path, place: str) -> tuple[str, Sequence[str
         return period_choice.in_folds(folder.absolute())
     if parameters_of(study.parameters).target == (EVENTS,):
         return "", ()
-    file = study.dataset.file
-    places = period_choice.Places(folder, folder / place, Path(file) if file else None)
+    places = period_choice.Places(folder, folder / place, study.dataset.recordings)
     return "Take the chosen network along, as C:", [period_choice.as_c(places)]
 
 

@@ -10,6 +10,7 @@ import pytest
 
 import neurotact as nt
 from neurotact.data import encoded_from, hdf5
+from neurotact.data.dataset import DatasetSpec
 from neurotact.data.encoded_from import AbsentError, find
 from neurotact.data.recordings import Recordings
 from neurotact.errors import InputError
@@ -188,10 +189,18 @@ def test_a_file_that_a_study_names_is_beside_it_or_in_the_current_folder(here, m
     (here / "data" / "mine.toml").write_text(STUDY)
     assert loading.resolve("data/mine.toml").dataset.file == str(here / "data" / "touch.h5")
     shutil.move("data/touch.h5", "touch.h5")
-    assert loading.resolve("data/mine.toml").dataset.file == "touch.h5"
+    assert loading.resolve("data/mine.toml").dataset.file == str(here / "touch.h5")
     monkeypatch.chdir("data")
     shutil.move("../touch.h5", "touch.h5")
-    assert loading.resolve("mine.toml").dataset.file == "touch.h5"
+    assert loading.resolve("mine.toml").dataset.file == str(here / "data" / "touch.h5")
+    given = loading.resolve("mine.toml", {"dataset.file": "../data/touch.h5"}).dataset.recordings
+    assert given is not None
+    assert given.samefile("touch.h5")
+
+
+def test_recordings_in_the_folder_of_the_environment_are_named_whole(monkeypatch):
+    monkeypatch.setenv("NEUROTACT_DATA", "/tactile sets")
+    assert DatasetSpec(file="$NEUROTACT_DATA/a.h5").recordings == Path("/tactile sets/a.h5")
 
 
 def test_content_is_asked_for_only_as_far_as_a_place_is_tried(here, monkeypatch):

@@ -83,6 +83,25 @@ def test_files_selections_and_spikes_keep_marks(tmp_path):
 def test_a_trial_without_marks_stays_annotated(tmp_path):
     nt.save(long_recordings().select([1]), tmp_path / "a.h5")
     assert rows_of(nt.load(tmp_path / "a.h5")) == []
+    assert not [line for line in described(tmp_path / "a.h5") if line.startswith("marks")]
+
+
+def described(path):
+    lines = []
+    nt.describe(path, show=lambda line: lines.append(str(line)))
+    return lines
+
+
+def test_the_marks_of_a_file_are_told_with_how_long_they_last(tmp_path):
+    recordings = long_recordings()
+    nt.save(recordings, tmp_path / "a.h5")
+    (line,) = (line for line in described(tmp_path / "a.h5") if line.startswith("marks"))
+    for label in {row[3] for row in SORTED}:
+        lasts = [stop - start for _, start, stop, its in SORTED if its == label]
+        ends = " to ".join(dict.fromkeys(f"{end:.3g}" for end in (min(lasts), max(lasts))))
+        assert f"{label} ({len(lasts)}, {ends} s long)" in line
+    share = sum(stop - start for _, start, stop, _ in SORTED) / (recordings.lengths.sum() / recordings.sampling_rate_Hz)
+    assert f"; {100 * share:.2g} % of the time has one (`nt.train(" in line
 
 
 @given(st.lists(st.integers(1, 9), min_size=2, max_size=9), st.integers(0, 1))

@@ -50,7 +50,7 @@ def test_it_says_how_far_the_study_is_and_what_cells_gave_on_validation_trials(t
         finish(tmp_path, f"n{number}", number / 100)
     write("cells", 4, 4, "")
     page = (tmp_path / "report.html").read_text()
-    assert "52 cells are finished, the newest 50." in page
+    assert "52 cells finished, the newest 50." in page
     assert (page.count("<tr>"), "49.0\u00a0%" in page, "81.2\u00a0%" in page) == (51, True, False)
 
 

@@ -10,6 +10,7 @@ from hypothesis import strategies as st
 from levels import examples
 from neurotact_parts.opponents import scikit_learn
 
+import neurotact as nt
 from neurotact.baselines import opponents
 from neurotact.data.conditioning import ConditioningSpec
 from neurotact.data.hdf5 import load_spikes
@@ -124,6 +125,33 @@ def test_spikes_after_the_last_window_are_not_kept_and_no_window_misses_them(len
     assert max(steps.max(initial=0) for steps in kept.steps) < end
     np.testing.assert_array_equal(kept.trial_steps, trains.trial_steps)
     assert kept.until(*specs).steps[0].tolist() == kept.steps[0].tolist()
+    is_cut = end < trains.trial_steps.max()
+    assert kept.until_s == (end / trains.sampling_rate_Hz if is_cut else None)
+    assert kept.until(*specs).until_s == kept.until_s
+    if is_cut:
+        with pytest.raises(InputError, match=r"window: ends at .* but the spikes are those of the first"):
+            kept.cut(WindowSpec(length_ms=1e3 * int(trains.trial_steps.min()) / trains.sampling_rate_Hz))
+
+
+def test_spikes_that_end_with_the_windows_say_so_wherever_they_are_shown(tmp_path):
+    """The rate is that of the time whose spikes are held."""
+    trains = trains_of(0.5)
+    kept = trains.until(WindowSpec(length_ms=50, per_trial=1))
+    lines = {}
+    for name, each in {"whole": trains, "kept": kept}.items():
+        nt.save(each, tmp_path / f"{name}.h5")
+        lines[name] = []
+        nt.describe(tmp_path / f"{name}.h5", show=lambda line, name=name: lines[name].append(str(line)))
+        nt.save_raster(tmp_path / f"{name}.h5", tmp_path / f"{name}.csv", tell=lines[name].append)
+        title = nt.plot_raster(nt.load_spikes(tmp_path / f"{name}.h5"))._suptitle.get_text()
+        assert title.endswith("spikes of the first 0.05 s alone") == (name == "kept")
+    told = "spikes of the first 0.05 s of a trial alone: a study keeps those of its windows"
+    assert told in lines["kept"]
+    assert lines["kept"][-1] == f"{tmp_path / 'kept.csv'}: {told}"
+    assert lines["whole"][-1] == str(tmp_path / "whole.csv")
+    assert not any(told in line for line in lines["whole"])
+    held_s = 0.05 * len(kept)
+    assert f"({sum(map(len, kept.steps)) / held_s / len(kept.afferents):.3g} Hz per afferent)" in repr(kept)
 
 
 def test_the_file_of_a_study_holds_what_its_cells_use(tmp_path, monkeypatch):

@@ -20,9 +20,8 @@ class LearnSpec(Spec):
 
     public = "Learn"
     target: OneOrMore = Field(default=(), json_schema_extra=CONDITION)
-    """Learn the numbers of this condition of the trials, such as force_N, in place of their class. Of several, each has
-    a readout neuron, whose value at the end of a window is in the unit of the condition. `events`: learn the marks of
-    long recordings, as a detector."""
+    """Learn the numbers of this condition, such as force_N, in place of classes; or events, the marks of long
+    recordings. Of several conditions, each has a readout neuron, whose value at the end of a window is in its unit."""
     balance: Balance = "none"
     """Training windows count the same for each class, or for each condition of the split within a class, too."""
     refuse: float | None = Field(default=None, gt=0, lt=1)

@@ -13,7 +13,7 @@ from torch import Tensor, nn
 
 from neurotact import plugins
 from neurotact.backend import Backend
-from neurotact.errors import InputError
+from neurotact.errors import InputError, number_of
 from neurotact.metrics import synops
 from neurotact.metrics.flops import Cost
 from neurotact.metrics.synops import Synops
@@ -94,7 +94,7 @@ class ModuleNetwork(Network):
     def __repr__(self) -> str:
         n_weights = sum(parameter.numel() for parameter in self.parameters() if parameter.requires_grad)
         return (
-            f"ModuleNetwork({self.spec.model}, {self.n_inputs} afferents, {self.n_classes} classes, "
+            f"ModuleNetwork({self.spec.model}, {number_of(self.n_inputs, 'afferent')}, {self.n_classes} classes, "
             f"clock {self.clock_Hz:g} Hz, {n_weights:,} weights)"
         )
 

@@ -19,7 +19,7 @@ from neurotact import effects
 from neurotact.backend import Backend
 from neurotact.checks import at_least, one_of
 from neurotact.data.recordings import check_sampling_rate
-from neurotact.errors import InputError
+from neurotact.errors import InputError, number_of
 from neurotact.metrics.flops import SYNAPSES
 from neurotact.metrics.synops import Synops
 from neurotact.networks.definition import clock, executors, native, reference
@@ -179,11 +179,11 @@ class RSNN(Network):
                 f"threshold_adaptation {self.spec.threshold_adaptation:g} over {self.spec.tau_adaptation_ms:g} ms, "
             )
         if not self.spec.hidden:
-            sizes = f"{self.n_inputs} afferents, no hidden layer, {self.n_classes} classes"
+            sizes = f"{number_of(self.n_inputs, 'afferent')}, no hidden layer, {self.n_classes} classes"
             return f"RSNN({sizes}, clock {self.clock_Hz:g} Hz, {n_weights:,} weights)"
         return (
-            f"RSNN({self.n_inputs} afferents, {self.spec.hidden} hidden ({kind}), {self.n_classes} classes, "
-            f"clock {self.clock_Hz:g} Hz, tau_mem {self.spec.tau_mem_ms:g} ms, "
+            f"RSNN({number_of(self.n_inputs, 'afferent')}, {self.spec.hidden} hidden ({kind}), {self.n_classes} "
+            f"classes, clock {self.clock_Hz:g} Hz, tau_mem {self.spec.tau_mem_ms:g} ms, "
             f"tau_syn {self.spec.tau_syn_ms:g} ms, {adapts}{n_weights:,} weights)"
         )
 

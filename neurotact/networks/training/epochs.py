@@ -13,7 +13,7 @@ from torch import Tensor
 from neurotact import workers
 from neurotact.backend import n_threads
 from neurotact.baselines.opponent import right
-from neurotact.errors import InputError
+from neurotact.errors import InputError, number_of
 from neurotact.networks.definition import optimisers
 from neurotact.networks.definition.module import ModuleNetwork
 from neurotact.networks.definition.network import Counts, Network
@@ -94,7 +94,7 @@ class Training:
         n = self.n_members
         state = f"{n} networks joined" if n > 1 else f"best: epoch {self.best.epoch}"
         return (
-            f"Training({len(self.epochs)} epochs; {state}, validation loss "
+            f"Training({number_of(len(self.epochs), 'epoch')}; {state}, validation loss "
             f"{self.best.validation_loss:.3g}, validation accuracy {self.best.validation_accuracy:.3g})"
         )
 

@@ -353,7 +353,7 @@ def test_the_command_merges_with_a_flag(tmp_path):
     of_times(tmp_path, [1, 1.5, 3])
     run = ["import", "events", str(tmp_path / "e.csv"), "-o", str(tmp_path / "o.h5")]
     assert isinstance(CliRunner().invoke(app, run).exception, InputError)
-    assert "2 spikes of 1 afferents" in CliRunner().invoke(app, [*run, "--merge-events"]).output
+    assert "2 spikes of 1 afferent" in CliRunner().invoke(app, [*run, "--merge-events"]).output
 
 
 def test_events_after_the_given_length_are_counted(tmp_path, caplog):
@@ -485,7 +485,7 @@ def test_arrays_and_files_that_are_not_read_are_named(tmp_path, caplog):
         np.save(tmp_path / "in" / label / "1.npy", np.zeros(1, GRID))
         (tmp_path / "in" / label / "2.aedat4").write_bytes(b"#!AER-DAT4.0\r\n")
     nt.read_events(tmp_path / "in")
-    assert "2 files are ignored (hidden, or not events): a/2.aedat4, b/2.aedat4" in caplog.messages[0]
+    assert "ignores 2 files (hidden, or not events): a/2.aedat4, b/2.aedat4" in caplog.messages[0]
 
 
 def test_files_of_a_folder_say_the_same_about_their_events(tmp_path):

@@ -108,7 +108,7 @@ def test_trials_come_label_by_label_in_the_order_of_the_files(tmp_path, caplog):
     with caplog.at_level(logging.WARNING, "neurotact"):
         touch = folder.read(tmp_path, 100, "mV")
     assert caplog.messages == [
-        f"{tmp_path}: 6 files are ignored (hidden, or not recordings): "
+        f"{tmp_path}: ignores 6 files (hidden, or not recordings): "
         ".git, README, __MACOSX, a/deeper/one.lvm, silk/.b.csv and 1 more"
     ]
     assert list(touch.conditions.file) == [
@@ -201,7 +201,7 @@ def test_text_files_of_labview_come_before_other_text(tmp_path, caplog):
     with caplog.at_level(logging.WARNING, "neurotact"):
         touch = folder.read(tmp_path, 100, "mV")
     assert (touch.channels, list(touch.conditions.file)) == (("left", "right"), ["felt/a.lvm"])
-    assert caplog.messages == [f"{tmp_path}: 1 files are ignored (hidden, or not recordings): felt/notes.txt"]
+    assert caplog.messages == [f"{tmp_path}: ignores 1 file (hidden, or not recordings): felt/notes.txt"]
 
 
 POINTER = b"version https://git-lfs.github.com/spec/v1\noid sha256:00\nsize 9\n"
@@ -328,7 +328,11 @@ def test_a_table_is_bounded_by_its_size_and_by_that_of_its_numbers(tmp_path, mon
 def test_trials_of_other_taxels_are_refused(tmp_path):
     write(tmp_path / "felt", "a.csv")
     write(tmp_path / "silk", "b.csv", SIGNAL[:, :2], "a,b")
-    refused(tmp_path, "silk/b.csv: has 2 channels where felt/a.csv has 3")
+    fix = "move the file away, or name taxels that all files have with `columns`"
+    refused(tmp_path, f"silk/b.csv: has 2 channels where felt/a.csv has 3 (c is not in silk/b.csv); {fix}")
+    for name, columns in (("felt/a", "a,b,c"), ("silk/b", "a,c")):
+        write((tmp_path / name).parent, f"{name[5:]}.csv", SIGNAL[:, : len(columns.split(","))], columns)
+    refused(tmp_path, f"silk/b.csv: has 2 channels where felt/a.csv has 3 (b is not in silk/b.csv); {fix}")
     write(tmp_path / "silk", "b.csv", header="a,c,b")
     refused(tmp_path, "silk/b.csv: column 2 is 'c' where felt/a.csv has 'b'")
 

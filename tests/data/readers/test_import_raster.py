@@ -146,5 +146,5 @@ def test_the_command_writes_spikes(tmp_path):
     ]
     done = CliRunner().invoke(app, [*words, "--leave-out", "rub", "-o", str(tmp_path / "spikes.h5")])
     assert done.exit_code == 0, done.exception
-    assert f"2 trials of 1 classes, {RASTER[::2].sum()} spikes of 3 afferents, 50 steps at 1000 Hz" in done.output
+    assert f"2 trials of 1 class, {RASTER[::2].sum()} spikes of 3 afferents, 50 steps at 1000 Hz" in done.output
     np.testing.assert_array_equal(dense(nt.load(tmp_path / "spikes.h5")), RASTER[::2])

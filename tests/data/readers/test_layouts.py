@@ -452,7 +452,7 @@ def test_text_files_are_recordings_where_there_is_nothing_else(tmp_path, caplog)
     write(tmp_path / "felt_1.csv", "left,right\n1,2\n")
     with caplog.at_level(logging.WARNING):
         assert nt.read_folder(tmp_path, 100, "mV", naming=nt.Naming(pattern="{label}_{n}.csv")).classes == ("felt",)
-    assert "3 files are ignored (hidden, or not recordings): foam_1.tsv, gel_1.txt, gel_2.TXT" in caplog.text
+    assert "ignores 3 files (hidden, or not recordings): foam_1.tsv, gel_1.txt, gel_2.TXT" in caplog.text
 
 
 def arrays_of(folder, suffix: str, **arrays) -> None:

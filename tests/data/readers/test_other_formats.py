@@ -255,5 +255,5 @@ def test_options_and_faults_of_samples_are_those_of_text(tmp_path, caplog):
     with pytest.raises(InputError, match=r"a\.parquet: `header_lines` is for text files; leave it out"):
         nt.read_folder(tmp_path, 200, "count", layout=nt.Layout(header_lines=1))
     rows[["right", "t_ms"]].to_parquet(tmp_path / "felt" / "b.parquet")
-    with pytest.raises(InputError, match=r"felt/b\.parquet: has 1 channels where felt/a\.parquet has 2"):
+    with pytest.raises(InputError, match=r"felt/b\.parquet: has 1 channel where felt/a\.parquet has 2"):
         nt.read_folder(tmp_path, 200, "count", layout=nt.Layout(missing="interpolate"))

@@ -87,23 +87,24 @@ READ: dict[str, str | bytes] = {
     "LabVIEW with times": LVM + rows("\t", ","),
 }
 """Files of `TOUCH`."""
+AS_GIVEN = "; that of the signals is `unit`, as given"
 SAID: dict[str, tuple[str | bytes, str]] = {
     "units": (
         "t,left,right\nms,mV,mV\n" + rows(table=TOUCH.assign(t=TOUCH.t * 1e3)),
-        "the line of units is no sample (ms, mV, mV)",
+        f"the line of units is no sample (ms, mV, mV){AS_GIVEN}",
     ),
     "decimal commas": ("t;left;right\n" + rows(";", ","), "commas in numbers are decimal"),
     "decimal commas between blanks": ("t left right\n" + rows(" ", ","), "commas in numbers are decimal"),
-    "units of some columns": ("t;left;right\ns;;\n" + rows(";"), "the line of units is no sample (s)"),
+    "units of some columns": ("t;left;right\ns;;\n" + rows(";"), f"the line of units is no sample (s){AS_GIVEN}"),
     "units in brackets": (
-        "t;left;right\n[s];[N];[N]\n" + rows(";"), "the line of units is no sample ([s], [N], [N])",
+        "t;left;right\n[s];[N];[N]\n" + rows(";"), f"the line of units is no sample ([s], [N], [N]){AS_GIVEN}",
     ),
     "np.savetxt": (savetxt(header="t left right"), "the comment in line 1 names the columns: t, left, right"),
     "two lines of np.savetxt": (
-        savetxt(header="t,left,right\ns,mV,mV", delimiter=","), "the line of units is no sample (s, mV, mV)",
+        savetxt(header="t,left,right\ns,mV,mV", delimiter=","), f"the line of units is no sample (s, mV, mV){AS_GIVEN}",
     ),
     "prose and units that are skipped": (
-        "Recorded by Bob\nt,left,right\ns,V,V\n" + rows(), "the line of units is no sample (s, V, V)",
+        "Recorded by Bob\nt,left,right\ns,V,V\n" + rows(), f"the line of units is no sample (s, V, V){AS_GIVEN}",
     ),
     "latin-1": (
         "# 20 °C\nt,left,right\n".encode("latin-1") + rows().encode(),

@@ -221,7 +221,6 @@ def test_letters_become_a_file_of_spikes_on_any_clock(folder, monkeypatch, capsy
         cli.main()
     assert end.value.code == 0
     assert (
-        "1 trials of 1 classes, 24 spikes of 24 afferents (12 ON, 12 OFF), 21 steps at 100 Hz"
-        in capsys.readouterr().out
+        "1 trial of 1 class, 24 spikes of 24 afferents (12 ON, 12 OFF), 21 steps at 100 Hz" in capsys.readouterr().out
     )
     assert load_spikes(out).steps[0].tolist() == 12 * [10] + 12 * [20]

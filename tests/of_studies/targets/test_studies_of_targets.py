@@ -182,6 +182,12 @@ def test_a_study_that_a_run_wrote_is_the_same_study(kind, request, monkeypatch):
     monkeypatch.chdir(found.folder.parent)
     path = found.folder / "study.toml"
     assert loading.resolve(path) == found.study
+    table = specs.read(path)
+    renamed, earlier = found.folder.parent / f"{kind}-renamed.toml", found.folder.parent / f"{kind}-earlier.toml"
+    renamed.write_text(specs.to_toml({**table, "notes": ["Of a run."]}))
+    assert loading.resolve(renamed) == found.study.model_copy(update={"notes": ("Of a run.",)})
+    earlier.write_text(specs.to_toml({key: value for key, value in table.items() if key != "as_run"}))
+    assert loading.resolve(earlier) == found.study.model_copy(update={"as_run": False})
     folds = {"split.folds": 3, "sweep.split.fold": [0, 1, 2], "sweep.seed": [0]}
     other = found.folder.parent / f"{kind}.toml"
     other.write_text(specs.to_toml(loading.resolve(path, folds).model_dump(mode="json", exclude_none=True)))
