@@ -479,6 +479,11 @@ def test_a_page_is_reachable_by_keyboard_and_screen_reader(site):
     corner = '<th class="head"><p></p></th><th class="head text-right"></th><th class="head"><p>ms</p></th>'
     assert change(corner) == '<td class="head"></td><td class="head text-right"></td><th class="head"><p>ms</p></th>'
     assert change("<th></th><th>pitch</th>") == "<td></td><th>pitch</th>"
+    assert change('<p><img alt="x" src="_images/x.png" />\n</p>') == (
+        '<p><a href="_images/x.png"><img alt="x" src="_images/x.png" /></a></p>'
+    )
+    linked = '<p><a href="x.html"><img alt="x" src="x.png" /></a></p>'
+    assert change(linked) == linked
     results = change('<div id="search-results"></div>')
     assert results.startswith("<h1>Search</h1>")
     assert change(made + results) == made + results

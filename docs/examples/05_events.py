@@ -1,8 +1,8 @@
 """
-Events in
-=========
+A sensor that sends events
+==========================
 
-A sensor that sends events needs no encoder: a file of times, channels and polarities is read as spike trains.
+It needs no encoder: a file of times, channels and polarities is read as spike trains.
 """
 
 import tempfile
@@ -43,4 +43,4 @@ train, validation, test = nt.windows(spikes, nt.Window(length_ms=300, start_ms=5
 network = nt.SpikingClassifier(hidden=20, epochs=15, random_state=0)
 network.fit(train.X, train.y, validation=(validation.X, validation.y))
 print(f"accuracy {network.score(test.X, test.y):.0%}")
-network.decide(test.X, early_exit=True).head()
+network.decide(test.X, early_exit=True)[["predicted", "ms", "input_spikes", "sops_total"]].head()

@@ -40,7 +40,7 @@ settings = {"training.epochs": 8}
 trials = nt.tune(
     folder / "spikes.h5", folder / "search", settings=settings, search=search, window=window, workers=1
 )
-trials.head()
+trials[["hidden", "model", "accuracy_validation", "sops_total"]].head()
 
 # %%
 # The best network within the budget is a run folder, like one that `nt.train` writes.

@@ -40,7 +40,7 @@ for name, table in {"whole window": full, "early exit": early}.items():
     print(
         f"{name}: {means['ms']:.0f} ms, {means['sops_total']:,.0f} SOPs, accuracy {means['right']:.0%}"
     )
-early.head()
+early[["predicted", "ms", "input_spikes", "sops_total"]].head()
 
 # %%
 figure, axes = plt.subplots(figsize=(6, 3), layout="constrained")

@@ -19,7 +19,7 @@ touches = nt.simulate(
     duration_s=0.6,
 )
 data = nt.windows(nt.encode(touches), nt.Window(length_ms=300, start_ms=200, per_trial=1))
-touches.conditions.head(3)
+touches.conditions[["label", "force_N", "speed_mm_per_s", "trial"]].head(3)
 
 
 # %%

@@ -20,15 +20,16 @@ touches = nt.simulate(
 )
 encoder = nt.SpikeEncoder("sa1-ra1-lif", sampling_rate_Hz=touches.sampling_rate_Hz)
 network = nt.SpikingClassifier(hidden=20, epochs=15, random_state=0)
-pipeline = make_pipeline(encoder, network)
-pipeline.fit(np.asarray(touches.signals), touches.conditions["label"].to_numpy())
+pipeline = make_pipeline(encoder, network).fit(
+    np.asarray(touches.signals), touches.conditions["label"].to_numpy()
+)
 
 # %%
 # The recordings give the range of the samples, from which the formats of the integers are chosen. `prove` would compile
 # the code, run it here and in an emulator, and compare it spike by spike.
 
 folder = Path(tempfile.mkdtemp()) / "touch"
-made = nt.export_c(pipeline, folder, recordings=touches, tell=print)
+made = nt.export_c(pipeline, folder, recordings=touches)
 for path in sorted(folder.iterdir()):
     print(f"{path.name}: {len(path.read_text().splitlines())} lines")
 

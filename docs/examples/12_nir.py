@@ -34,13 +34,14 @@ for name, node in graph.nodes.items():
     print(f"{name}: {type(node).__name__}")
 
 # %%
-# Read back, the network decides as before, and the limits of a chip can be asked for.
+# Read back, the network decides as before. What a chip does not take can be asked for:
 
 again = nt.from_nir(path)
 spikes = np.asarray(encoder.transform(X))
 labels = again.network.infer(torch.from_numpy(spikes)).labels.numpy()
 print("equal decisions:", bool((network.classes_[labels] == pipeline.predict(X)).all()))
-nt.check_chip(pipeline, "loihi2")
+limits = nt.check_chip(pipeline, "loihi2")
+limits.loc[~limits["fits"], ["what", "here", "limit"]]
 
 # %%
 # The input weights of the graph: a row per hidden neuron, a column per afferent.

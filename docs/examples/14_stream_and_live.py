@@ -16,8 +16,9 @@ touches = nt.simulate(
 )
 encoder = nt.SpikeEncoder("sa1-ra1-lif", sampling_rate_Hz=touches.sampling_rate_Hz)
 network = nt.SpikingClassifier(hidden=20, epochs=15, random_state=0)
-pipeline = make_pipeline(encoder, network)
-pipeline.fit(np.asarray(touches.signals), touches.conditions["label"].to_numpy())
+pipeline = make_pipeline(encoder, network).fit(
+    np.asarray(touches.signals), touches.conditions["label"].to_numpy()
+)
 
 # %%
 # Blocks of 13 samples, some of them lost: a missing value repeats the last one, and the decision says so.

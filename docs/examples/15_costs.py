@@ -32,7 +32,7 @@ for t_ref_ms in (1.0, 5.0, 20.0):
     network.fit(train.X, train.y, validation=(validation.X, validation.y))
     ledgers[f"{t_ref_ms:g} ms"] = network.costs(test.X)
     ledgers[f"{t_ref_ms:g} ms, early"] = network.costs(test.X, early_exit=True)
-ledgers["1 ms"].round(1)
+ledgers["1 ms"][["name", "macs", "acs", "sops", "energy_estimate_nJ"]].round(1)
 
 # %%
 # Afferents are computed at every step, whatever they send; the network's additions follow the spikes.

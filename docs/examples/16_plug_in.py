@@ -51,5 +51,7 @@ for number in range(6):
 
 touches = nt.read("my-skin", site / "data")
 assert isinstance(touches, nt.Recordings)
-spikes = nt.encode(touches, settings={"sa1.gain": 4.0, "ra1.gain": 60.0, "ra1.t_ref_ms": 2})
+spikes = nt.encode(
+    touches, settings={"sa1.gain": 4.0, "ra1.gain": 60.0, "sa1.t_ref_ms": 2, "ra1.t_ref_ms": 2}
+)
 figure = nt.plot_raster(spikes, trial=0, recordings=touches)

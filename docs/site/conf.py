@@ -23,6 +23,9 @@ extensions = [
 root_doc = "index"
 exclude_patterns = ["site", "examples", "sg_execution_times.rst", "**/sg_execution_times.rst"]
 
+# An option keeps its two hyphens, also in the help of a command.
+smartquotes_action = "qe"
+
 # Anchors and math as code hosts understand them.
 myst_heading_anchors = 4
 myst_enable_extensions = ["dollarmath"]

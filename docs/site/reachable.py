@@ -19,7 +19,7 @@ def _signature(found: re.Match[str]) -> str:
 
 CHANGES: tuple[Change, ...] = (
     # What scrolls sideways where it is wider than the page: only with the focus can a keyboard scroll it.
-    (r'<(pre|div class="(?:table-wrapper|math-wrapper)[^"]*")>', r'<\1 tabindex="0">'),
+    (r'<(pre|div class="(?:table-wrapper|math-wrapper|output_subarea)[^"]*")>', r'<\1 tabindex="0">'),
     (r"<dl>\s*(?:<dd>(?:(?!</?d[ld]>).)*</dd>\s*)+</dl>", _signature),
     # A head without words is no head: a corner above heads of rows, or a table of pictures.
     (r'<th( class="head[^"]*")?>\s*(?:<p>\s*</p>\s*)?</th>', r"<td\1></td>"),
@@ -27,6 +27,8 @@ CHANGES: tuple[Change, ...] = (
     (r'role="heading">', 'role="heading" aria-level="2">'),
     (r'<aside class="sidebar-drawer">', '<aside class="sidebar-drawer" aria-label="Pages">'),
     (r'<aside class="toc-drawer([^"]*)">', r'<aside class="toc-drawer\1" aria-label="On this page">'),
+    # On a phone a picture is small: it opens at its full size.
+    (r'<p>(<img [^>]*src="([^"]+)"[^>]*>)\s*</p>', r'<p><a href="\2">\1</a></p>'),
     # A picture of the gallery covers the text of its link, which is hidden.
     (
         r'(<a class="reference internal" href="[^"]*")(><span class="doc">([^<]*)</span></a>)',
