@@ -9,7 +9,7 @@ from __future__ import annotations
 import json
 import re
 import textwrap
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -23,6 +23,8 @@ with lazily():
 
 SUFFIXES = (".csv", ".json", ".md", ".tex")
 NETWORK = ["setting", "pair", "hidden"]
+LAYERS = "layers"
+"""Column of results with a network of several hidden layers: the neurons of each, as 20+10."""
 FORMULA = re.compile(r"'*[=+\-@\t\r\n].", re.DOTALL)
 """A text that a spreadsheet runs as a formula, or that starts with ' already."""
 NUMBER = re.compile(r"[+-](\d+\.?\d*|\.\d+)([eE][+-]?\d+)?")
@@ -116,22 +118,39 @@ def natural(text: str) -> list[tuple[int, int, str]]:
     return [(1, int(part), "") if part.isdecimal() and part.isascii() else (0, 0, part.casefold()) for part in parts]
 
 
-def sized(hidden: float) -> str:
-    """The size of a network, short; 0: it has no hidden layer, or does not count its neurons (`in_words_of_size`).
+def columns_of_network(results: pd.DataFrame) -> list[str]:
+    """The columns that tell networks apart."""
+    return [*NETWORK, *([LAYERS] if LAYERS in results else [])]
 
-    >>> sized(30), sized(0)
+
+def size_of(row: Mapping[str, Any] | pd.Series) -> str:
+    """The hidden neurons of the network of a row of results, of each layer where it has several.
+
+    >>> size_of({"hidden": 30}), size_of({"hidden": 30, "layers": "20+10"})
+    ('30', '20+10')
+    """
+    layers = row.get(LAYERS)
+    return layers if layers and isinstance(layers, str) else f"{row['hidden']:.15g}"
+
+
+def sized(row: Mapping[str, Any] | pd.Series) -> str:
+    """The size of the network of a row of results, short.
+
+    0: it has no hidden layer, or does not count its neurons (`in_words_of_size`).
+
+    >>> sized({"hidden": 30}), sized({"hidden": 0})
     ('N = 30', 'N = 0')
     """
-    return f"N = {hidden:.15g}"
+    return f"N = {size_of(row)}"
 
 
-def in_words_of_size(hidden: float, own_keys: object = None) -> str:
+def in_words_of_size(row: Mapping[str, Any] | pd.Series, own_keys: object = None) -> str:
     """The size of a network where there is space; own_keys: of one that is a part, which may not count its neurons.
 
-    >>> in_words_of_size(30), in_words_of_size(0), in_words_of_size(0, '{"model": "mine"}')
-    ('N = 30', 'no hidden layer', 'N = 0')
+    >>> in_words_of_size({"hidden": 0}), in_words_of_size({"hidden": 0}, '{"model": "mine"}')
+    ('no hidden layer', 'N = 0')
     """
-    return sized(hidden) if hidden or isinstance(own_keys, str) else "no hidden layer"
+    return sized(row) if row["hidden"] or isinstance(own_keys, str) else "no hidden layer"
 
 
 def means_over(table: pd.DataFrame, by: Sequence[str], measures: Iterable[str], counted: str) -> pd.DataFrame:
@@ -155,13 +174,13 @@ def means_over(table: pd.DataFrame, by: Sequence[str], measures: Iterable[str], 
 def over_seeds(results: pd.DataFrame, measures: Sequence[str]) -> pd.DataFrame:
     """Mean, standard deviation over seeds and their number, for each network, in the order of the table.
 
-    Columns: setting, pair, hidden, seeds, and the measures as `means_over` gives them.
+    Columns: those of `columns_of_network`, seeds, and the measures as `means_over` gives them.
 
     >>> rows = {"setting": ["all"] * 2, "pair": ["1&1"] * 2, "hidden": [20] * 2, "accuracy_test": [0.8, 0.9]}
     >>> over_seeds(pd.DataFrame(rows), ["accuracy_test"]).round(3).to_dict("records")
     [{'setting': 'all', 'pair': '1&1', 'hidden': 20, 'seeds': 2, 'accuracy_test': 0.85, 'accuracy_test_sd': 0.071}]
     """
-    return means_over(results, NETWORK, measures, "seeds")
+    return means_over(results, columns_of_network(results), measures, "seeds")
 
 
 def to_json(table: pd.DataFrame) -> str:

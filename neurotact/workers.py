@@ -233,6 +233,8 @@ def _do(job: tuple[Task, Any, dict[str, str]]) -> Any:
         )
     try:
         return task(what)
+    except SystemExit as error:  # of another package's code: it would end the parent without a word
+        raise RuntimeError(f"a job asked its process to end (SystemExit: {error})") from error
     finally:
         at("")
 

@@ -98,6 +98,7 @@ def test_the_help_shows_the_others_beside_one_that_cannot_be_used(package, monke
 
 
 NEAREST = """
+import sys
 from sklearn.neighbors import KNeighborsClassifier
 from neurotact.baselines import Opponent
 from neurotact.metrics.flops import NearestPoints
@@ -110,6 +111,7 @@ COUNTED = Opponent("The nearest examples.", KNeighborsClassifier, GRID, layers=l
 OPPONENT = Opponent("The nearest examples.", KNeighborsClassifier, GRID)
 ASKED = Opponent("The nearest examples.", KNeighborsClassifier, GRID, joins="named")
 BROKEN = Opponent("The nearest examples.", fails, GRID)
+LEAVES = Opponent("Ends the process.", lambda n_neighbors: sys.exit(3), GRID)
 """
 LABELS = np.arange(40) % 2
 WAVES = Recordings(
@@ -153,6 +155,7 @@ def test_an_opponent_that_is_not_counted_costs_nothing_known(package):
         ("OPPONENT = print", "is of the type builtin_function_or_method where a Opponent is expected"),
         (NEAREST + "OPPONENT = BROKEN",
          r"cannot be fitted \(ValueError: no neighbours\)"),
+        (NEAREST + "OPPONENT = LEAVES", r"cannot be fitted \(SystemExit: 3\)"),
     ],
 )  # fmt: skip
 def test_an_opponent_that_cannot_be_used_is_named_with_its_package(package, module, why):

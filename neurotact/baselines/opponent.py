@@ -292,7 +292,7 @@ def named(name: str) -> Iterator[None]:
         yield
     except InputError:
         raise
-    except Exception as error:
+    except (Exception, SystemExit) as error:
         if plugins.is_ours("opponents", name) or not plugins.has("opponents", name):
             raise
         raise plugins.unfit("opponents", name, f"cannot be fitted ({first_line(error)})") from error

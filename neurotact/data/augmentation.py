@@ -7,7 +7,7 @@ like any recording. Sources: window warping (Le Guennec, Malinowski and Tavenard
 """
 
 from collections.abc import Iterator, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import Any, Literal, NamedTuple, get_args
 
 import numpy as np
@@ -127,6 +127,8 @@ def check_taxels(spec: AugmentationSpec | None, n_channels: int) -> None:
         )
 
 
+MOST_MADE = 6
+"""Reads whose spikes are kept: of the kinds that are compared, and of the last training."""
 BLOCK_VALUES = 2_000_000
 """Values of the copies that are in memory at once."""
 
@@ -178,20 +180,27 @@ def order_of(n_trials: int, spec: AugmentationSpec) -> tuple[np.ndarray, np.ndar
 
 @dataclass(frozen=True, eq=False)
 class CopiesWhenRead:
-    """Copies that are made and encoded each time they are read, so that neither signals nor spikes are stored.
+    """Copies that are made and encoded when they are read, so that no file stores their signals or spikes.
 
     recordings: of the trials, as far as their copies need them. encoder: the table of their encoder. spec: what varies.
+    made: the spikes that were read last, by their places: kinds are compared, then trained on, in each of many cells.
     """
 
     recordings: Recordings
     encoder: Mapping[str, Any]
     spec: AugmentationSpec
+    made: dict[bytes, list[SpikeTrains]] = field(default_factory=dict, repr=False)
 
     def blocks(self, places: np.ndarray) -> Iterator[SpikeTrains]:
         """The spikes of the copies at some places in the order of `order_of`."""
-        encode = plugins.load_function("tools", "encode_copies")
-        for copies in varied_copies(self.recordings, self.spec, places):
-            yield encode(copies.recordings, self.encoder)
+        encode, key = plugins.load_function("tools", "encode_copies"), places.tobytes()
+        if key not in self.made:
+            every = varied_copies(self.recordings, self.spec, places)
+            spikes = [encode(copies.recordings, self.encoder) for copies in every]
+            while len(self.made) >= MOST_MADE:
+                del self.made[next(iter(self.made))]
+            self.made[key] = spikes
+        yield from self.made[key]
 
     def variations(self, of: np.ndarray | None = None, places: np.ndarray | None = None) -> Variations:
         """The copies at some places, each with the trial that it is one of; all if None."""

@@ -31,7 +31,7 @@ from neurotact.figures.style import (
 )
 from neurotact.metrics.fronts import pareto_front
 from neurotact.metrics.shares import wilson_interval
-from neurotact.tables import NETWORK, over_seeds, sized
+from neurotact.tables import NETWORK, over_seeds, size_of, sized
 
 TITLE_WIDTH = 44
 """Characters of a title over half of a figure."""
@@ -47,6 +47,30 @@ class Published(NamedTuple):
     value: float
 
 
+class Spent(NamedTuple):
+    """A cost of networks: columns of the whole window and of early exit, name, words of an axis, scale and unit."""
+
+    whole: str
+    early: str
+    name: str
+    words: str
+    scale: float
+    unit: str
+
+
+COSTS = (
+    Spent("sops_total", "exit_sops_total", "synaptic operations", "SOPs per sample (thousands)", 1e-3, "k"),
+    Spent("whole_nJ", "early_nJ", "energy", "energy per decision, an estimate (nJ)", 1.0, "nJ"),
+    Spent("whole_spikes", "early_spikes", "input spikes", "input spikes per decision", 1.0, "spikes"),
+    Spent("whole_ms", "early_ms", "time to decision", "time to decision (ms)", 1.0, "ms"),
+)
+
+
+def cost_of(results: pd.DataFrame) -> Spent:
+    """The first of `COSTS` that is counted: a network of another package may count none of its operations."""
+    return next((one for one in COSTS if one.whole in results and results[one.whole].notna().any()), COSTS[0])
+
+
 @printed
 def draw_accuracy_and_sops(
     results: pd.DataFrame, published: Sequence[Published] = (), chance: float | None = None, pair: str = PAIR_AXIS
@@ -56,8 +80,8 @@ def draw_accuracy_and_sops(
     Means over seeds with their standard deviation, each seed as a dot; diamonds are published values. pair: the words
     of the axis of the pairs.
     """
-    settings, pairs, sizes = (list(dict.fromkeys(results[column])) for column in NETWORK)
-    sizes = sorted(sizes)
+    settings, pairs = (list(dict.fromkeys(results[column])) for column in NETWORK[:2])
+    sizes = list(dict.fromkeys(results.sort_values("hidden", kind="stable").apply(size_of, axis=1)))
     figure = new_figure(1.9 * len(settings) + 0.8)
     grid = figure.subplots(len(settings), 2, squeeze=False, sharex=True, sharey="col")
     measures = (("accuracy_test", "test accuracy (%)", 100.0), ("sops_total", "SOPs per sample (thousands)", 1e-3))
@@ -70,6 +94,8 @@ def draw_accuracy_and_sops(
             axes.set(title=_title(setting, settings), ylabel=words)
             axes.set_xticks(range(len(pairs)), pairs)
             axes.grid(axis="y")
+            if rows[measure].isna().all():
+                axes.text(0.5, 0.5, "not counted", transform=axes.transAxes, ha="center", color=MUTED)
     for axes in grid[-1]:
         axes.set_xlabel(pair)
     grid[0, 1].set_ylim(bottom=0)
@@ -87,34 +113,35 @@ def draw_trade_off(
     trials: Mapping[str, int] = {},
     pair: str = PAIR_AXIS,
 ) -> Figure:
-    """Test accuracy against synaptic operations, a panel per data set, with the Pareto fronts.
+    """Test accuracy against synaptic operations, or else `cost_of`, a panel per data set, with the Pareto fronts.
 
     A point is a t_ref pair and a size, its mean over seeds; filled for the full window, open with early exit, a thin
     line between the two. Bars are drawn only on the front of the full window, whose sizes N are labelled.
 
-    levels: for each data set, accuracies at any cost, by name: the baseline chosen on validation trials, guessing.
+    levels: for each data set, accuracies at any cost, by name, as of the best other classifier and of guessing.
     trials: for each data set, its test trials; networks of a single seed get the 95 % interval for that number as bar.
     pair: the title of the legend of the pairs.
     """
-    networks = over_seeds(results, ["accuracy_test", "sops_total", "exit_accuracy", "exit_sops_total"])
+    cost = cost_of(results)
+    networks = over_seeds(results, ["accuracy_test", cost.whole, "exit_accuracy", cost.early])
     settings = list(dict.fromkeys(networks["setting"]))
     pairs = list(dict.fromkeys(networks["pair"]))
     figure, grid = new_panels(len(settings), 2, 3.3, 0.6)
     fronts = []
     for axes, setting in zip(grid, settings, strict=True):
         rows = networks[networks["setting"] == setting]
-        _join_exits(axes, rows, pairs)
-        fronts.append(_paint_points(axes, rows, pairs, "sops_total", "accuracy_test", trials.get(setting), filled=True))
-        _paint_points(axes, rows, pairs, "exit_sops_total", "exit_accuracy", None, filled=False)
+        _join_exits(axes, rows, pairs, cost)
+        fronts.append(_paint_points(axes, rows, pairs, cost, trials.get(setting), filled=True))
+        _paint_points(axes, rows, pairs, cost, None, filled=False)
         _mark_levels(axes, levels.get(setting, {}))
-        axes.set(title=_title(setting, settings), xlabel="SOPs per sample (thousands)", ylabel="test accuracy (%)")
+        axes.set(title=_title(setting, settings), xlabel=cost.words, ylabel="test accuracy (%)")
         axes.margins(0.1)
         axes.set_xlim(left=max(0.0, axes.get_xlim()[0]))
         axes.grid()
     keep_within(grid)
     add_legend(figure, grid, ncols=4, handlelength=2.2, title=pair)
     for axes, front in zip(grid, fronts, strict=True):
-        names = [f"{sized(hidden)}" for hidden in front["hidden"]]
+        names = [sized(row) for _, row in front.iterrows()]
         label_points(axes, front["x"], front["y"], names, fontsize=6.5, fontweight="bold", gid="front label")
     return figure
 
@@ -168,30 +195,31 @@ def _title(setting: str, settings: Sequence[str]) -> str:
 
 
 def _paint_networks(
-    axes: Axes, rows: pd.DataFrame, pairs: Sequence[str], sizes: Sequence[int], measure: str, scale: float
+    axes: Axes, rows: pd.DataFrame, pairs: Sequence[str], sizes: Sequence[str], measure: str, scale: float
 ) -> None:
     """Mean and deviation of all sizes side by side at each pair, the single seeds as faint dots."""
     means = over_seeds(rows, [measure])
     shades = sequence(len(sizes))
     for index, (size, shade) in enumerate(zip(sizes, shades, strict=True)):
         shift = _shift(index, len(sizes))
-        seeds = rows[rows["hidden"] == size]
+        seeds = rows[rows.apply(size_of, axis=1) == size]
         x = np.array([pairs.index(pair) for pair in seeds["pair"]], float) + shift
         axes.plot(x, scale * seeds[measure], ls="", marker=".", ms=2.5, color=shade, alpha=0.45, gid="seed")
-        mean = means[means["hidden"] == size].set_index("pair").reindex(pairs)
+        mean = means[means.apply(size_of, axis=1) == size].set_index("pair").reindex(pairs)
         y, sd = scale * mean[measure], scale * mean[f"{measure}_sd"]
         whole = 100.0 if measure.startswith("accuracy") else None
         style = series_style(index) | {"color": shade, "ms": 4, "ls": "", "elinewidth": 1.0}
         spread = bars(y, sd, whole)
-        axes.errorbar(np.arange(len(pairs)) + shift, y, spread, label=f"{sized(size)}", gid="mean", **style)
+        axes.errorbar(np.arange(len(pairs)) + shift, y, spread, label=f"N = {size}", gid="mean", **style)
 
 
 def _paint_published(
-    axes: Axes, marks: Sequence[Published], pairs: Sequence[str], sizes: Sequence[int], scale: float
+    axes: Axes, marks: Sequence[Published], pairs: Sequence[str], sizes: Sequence[str], scale: float
 ) -> None:
     """Published points at their pair and size; in the middle of the pair if no size is given."""
     for mark in marks:
-        shift = _shift(sizes.index(mark.hidden), len(sizes)) if mark.hidden in sizes else 0.0
+        size = str(mark.hidden)
+        shift = _shift(sizes.index(size), len(sizes)) if size in sizes else 0.0
         axes.plot(
             pairs.index(mark.pair) + shift,
             scale * mark.value,
@@ -232,11 +260,11 @@ def _mark_levels(axes: Axes, levels: Mapping[str, float]) -> None:
             axes.axhline(100 * level, label=name, gid="level", **style)
 
 
-def _join_exits(axes: Axes, rows: pd.DataFrame, pairs: Sequence[str]) -> None:
+def _join_exits(axes: Axes, rows: pd.DataFrame, pairs: Sequence[str], cost: Spent) -> None:
     """A thin line from each network on the full window to the same network with early exit."""
     for index, pair in enumerate(pairs):
         mine = rows[rows["pair"] == pair]
-        x = 1e-3 * mine[["sops_total", "exit_sops_total"]].to_numpy(float)
+        x = cost.scale * mine[[cost.whole, cost.early]].to_numpy(float)
         y = 100 * mine[["accuracy_test", "exit_accuracy"]].to_numpy(float)
         gap = np.full((len(mine), 1), np.nan)
         ends = (np.hstack([values, gap]).ravel() for values in (x, y))
@@ -244,11 +272,12 @@ def _join_exits(axes: Axes, rows: pd.DataFrame, pairs: Sequence[str]) -> None:
 
 
 def _paint_points(
-    axes: Axes, rows: pd.DataFrame, pairs: Sequence[str], cost: str, gain: str, n_test: int | None, *, filled: bool
+    axes: Axes, rows: pd.DataFrame, pairs: Sequence[str], cost: Spent, n_test: int | None, *, filled: bool
 ) -> pd.DataFrame:
     """Networks and their Pareto front with its bars, as in `draw_trade_off`; the front, a row each, as `x`, `y`."""
-    x, y = 1e-3 * rows[cost].to_numpy(float), 100.0 * rows[gain].to_numpy(float)
-    x_sd, y_sd = (scale * rows[f"{m}_sd"].fillna(0.0).to_numpy(float) for scale, m in ((1e-3, cost), (100.0, gain)))
+    scaled = (cost.scale, cost.whole if filled else cost.early), (100.0, "accuracy_test" if filled else "exit_accuracy")
+    x, y = (scale * rows[name].to_numpy(float) for scale, name in scaled)
+    x_sd, y_sd = (scale * rows[f"{name}_sd"].fillna(0.0).to_numpy(float) for scale, name in scaled)
     front = pareto_front(x, y)
     is_marked = front & filled
     for index, pair in enumerate(pairs):

@@ -66,7 +66,8 @@ class Network(NamedTuple):
     unknown. tolerance: how much may be lost.
     starts: seeds of one split, the fewest of any. apart, apart_early: how far both accuracies lie apart between starts;
     None if no network of the data set has two starts on a split, and of one that has a single solution.
-    is_part: whether it is no RSNN, so that hidden = 0 may also say that its neurons are not counted.
+    is_part: whether it is no RSNN, so that hidden = 0 may also say that its neurons are not counted. layers: the
+    neurons of each layer, as "20+10"; empty for one layer.
     """
 
     pair: str
@@ -81,6 +82,7 @@ class Network(NamedTuple):
     apart: Spread | None = None
     apart_early: Spread | None = None
     is_part: bool = False
+    layers: str = ""
 
     @property
     def is_fitted(self) -> bool:
@@ -90,7 +92,7 @@ class Network(NamedTuple):
     @property
     def size(self) -> str:
         """Its hidden neurons in words; empty where they are not counted."""
-        return "no hidden layer" if self.is_fitted else f"{self.hidden} neurons" if self.hidden else ""
+        return "no hidden layer" if self.is_fitted else f"{self.layers or self.hidden} neurons" if self.hidden else ""
 
     @property
     def with_size(self) -> str:

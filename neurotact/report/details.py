@@ -35,7 +35,7 @@ from neurotact.report.tables import (
 )
 from neurotact.studies.store import cell_folder, result_of
 from neurotact.studies.study import SPLIT, Cell
-from neurotact.tables import in_words_of_size, records, write_table
+from neurotact.tables import LAYERS, in_words_of_size, records, size_of, write_table
 
 MOST_EVENTS = 1_000_000
 """Spikes drawn in one page, distributed evenly over its cells: about four bytes each."""
@@ -106,7 +106,7 @@ def cell_name(row: pd.Series) -> str:
     """
     keys = [str(key) for key in row.index if str(key).startswith(SPLIT)]
     split = "".join(f", {in_words_of_split(key)} {in_unit(key, row[key])}" for key in keys)
-    size = in_words_of_size(row["hidden"], row.get(OWN_KEYS))
+    size = in_words_of_size(row, row.get(OWN_KEYS))
     return f"{row['setting']}, {named(row['pair'])}, {size}, seed {row['seed']}{split}"
 
 
@@ -122,13 +122,14 @@ def page_data(
     named = zip(results.iterrows(), rows, records(costs), details, strict=True)
     cells = [
         {"name": cell_name(row), "setting": row["setting"], "pair": row["pair"], "hidden": int(row["hidden"]),
-         "row": record, **front.decisions_of_row(record, spent), **detail}
+         "layers": row.get(LAYERS, ""), "row": record, **front.decisions_of_row(record, spent), **detail}
         for (_, row), record, spent, detail in named
     ]  # fmt: skip
     return {
         "cells": cells,
         "pairs": list(dict.fromkeys(results["pair"])),
         "sizes": sorted({int(n) for n in results["hidden"]}),
+        "architectures": [*dict.fromkeys(results.sort_values("hidden", kind="stable").apply(size_of, axis=1))],
         "classes": classes.ticks,
         "classWord": classes.word,
     }
@@ -136,7 +137,8 @@ def page_data(
 
 def sops_table(results: pd.DataFrame, swept: list[str]) -> pd.DataFrame:
     """The SOP report of a study: one row per cell, its keys, the columns of `SOPS_COLUMNS` and input spikes."""
-    keys = ["dataset", "t_ref_ra_ms", "t_ref_sa_ms", "hidden", "seed", *swept]
+    layers = [LAYERS] if LAYERS in results else []
+    keys = ["dataset", "t_ref_ra_ms", "t_ref_sa_ms", "hidden", *layers, "seed", *swept]
     return results[[*keys, *SOPS_COLUMNS[:2], *input_spikes(results, swept), *SOPS_COLUMNS[2:]]]
 
 

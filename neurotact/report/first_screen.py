@@ -160,7 +160,8 @@ def _network_rows(outcome: OfNetworks) -> Iterator[_Row]:
             if outcome.is_chosen:
                 said = ": chosen" if one == outcome.best else ""
             is_early = one.exits and one == outcome.best  # the cheapest is that on whole windows
-            name = f"{periods.in_ms(pair)}, {one.size if one.is_fitted else one.hidden}"
+            size = one.size if one.is_fitted or not one.hidden else one.layers or str(one.hidden)
+            name = ", ".join(filter(None, (periods.in_ms(pair), size)))
             yield _Row(name, one, one.whole, "" if is_early else said)
             if one.early is not None:
                 yield _Row(f"{name}, early exit", one, one.early, said if is_early else "")

@@ -15,7 +15,9 @@ from neurotact.data.spikes import SpikeTrains
 from neurotact.data.splits import SplitSpec, turns_of, validation_note
 from neurotact.data.trial_choice import values_in_words
 from neurotact.data.window_choice import on_late_onsets, timing_of
+from neurotact.encoders.afferents import AfferentSpec
 from neurotact.encoders.cost import no_cost
+from neurotact.encoders.model import DrivenSpec, EncoderSpec
 from neurotact.errors import InputError
 from neurotact.metrics import paired, starts
 from neurotact.metrics.paired import Paired
@@ -45,7 +47,7 @@ from neurotact.studies.study import (
     split_columns,
     value_at,
 )
-from neurotact.tables import NETWORK, means_over
+from neurotact.tables import LAYERS, columns_of_network, means_over
 
 COSTS = ("sops", "ms", "spikes", "nJ")
 BY = "nJ by "
@@ -196,14 +198,15 @@ def networks_of(results: pd.DataFrame, splits: Sequence[str] = ()) -> list[Netwo
     measures += [f"{kind}_{cost}" for kind in KINDS for cost in COSTS]
     measures += [name for name in results if f"_{BY}" in str(name)]
     are_parts = results[OWN_KEYS].notna() if OWN_KEYS in results else results["hidden"] < 0
-    of_parts = {*results[are_parts][NETWORK].itertuples(index=False, name=None)}
+    by = columns_of_network(results)
+    of_parts = {*results[are_parts][by].itertuples(index=False, name=None)}
     drawn = results[are_parts | (results["hidden"] > 0)]  # weights begin at random
-    same = [group for _, group in drawn.groupby([*NETWORK, *splits], sort=False, dropna=False)]
+    same = [group for _, group in drawn.groupby([*by, *splits], sort=False, dropna=False)]
     apart, apart_early = (
         starts.spread(group[name].dropna().tolist() for group in same) for name in ("accuracy_test", "exit_accuracy")
     )
-    means = means_over(results.infer_objects(), NETWORK, measures, "seeds")
-    fewest = results.groupby([*NETWORK, *splits], dropna=False).size().groupby(level=NETWORK).min()
+    means = means_over(results.infer_objects(), by, measures, "seeds")
+    fewest = results.groupby([*by, *splits], dropna=False).size().groupby(level=by).min()
     found = [
         Network(
             str(row["pair"]),
@@ -212,12 +215,13 @@ def networks_of(results: pd.DataFrame, splits: Sequence[str] = ()) -> list[Netwo
             float(row["accuracy_validation"]),
             _decision(row, "whole"),
             _decision(row, "early"),
-            starts=int(fewest[tuple(row[key] for key in NETWORK)]),
+            starts=int(fewest[tuple(row[key] for key in by)]),
             apart=apart,
             apart_early=apart_early,
-            is_part=tuple(row[key] for key in NETWORK) in of_parts,
+            is_part=tuple(row[key] for key in by) in of_parts,
+            layers=row.get(LAYERS, ""),
         )
-        for row in means[[*NETWORK, "seeds", *measures]].to_dict("records")
+        for row in means[[*by, "seeds", *measures]].to_dict("records")
     ]
     return [one._replace(apart=None, apart_early=None) if one.is_fitted else one for one in found]
 
@@ -402,7 +406,7 @@ def fronts(
         splits = [cell.split for cell in first_of_splits]
         lost = [*sentences.gaps(answer, likely_cause(splits))]
         if not by_encoder:  # else the table of encoders tells it
-            lost += sentences.where_lost(answer)
+            lost += sentences.where_lost(answer, [*_of_afferents(study.encoder)])
         cheapest = robustness.of_network(rows, answer.cheapest).index
         made_by = [one for index in cheapest if index < len(afferents) and (one := afferents[index]) is not None]
         classes = robustness.by_class(folder, cells_of(done, rows, answer.best), trains)
@@ -510,7 +514,7 @@ def representative(rows: pd.DataFrame, network: Network) -> int:
 
     A page shows a single training of each network; the best one would flatter it.
     """
-    own = rows[(rows["pair"] == network.pair) & (rows["hidden"] == network.hidden)]
+    own = robustness.of_network(rows, network)
     ordered = own["accuracy_validation"].sort_values(kind="stable").index
     return int(ordered[(len(ordered) - 1) // 2])
 
@@ -536,6 +540,18 @@ def likely_cause(splits: Sequence[SplitSpec]) -> str:
     if split.group:
         return f"test trials are of another {' and '.join(split.group)}"
     return "the classifiers were chosen among many on few validation trials, or these resemble training trials more"
+
+
+def _of_afferents(encoder: EncoderSpec) -> Iterator[str]:
+    """What may help where the encoding loses accuracy: calibration and keys that this encoder has, or another one."""
+    if isinstance(encoder, DrivenSpec) and not encoder.is_signed:
+        yield "at `nt.calibrate(..., compare=True)`"
+    if not isinstance(encoder, AfferentSpec):
+        yield "at other encoders (the study `which-encoder` compares them)"
+        return
+    yield "at afferents of other membranes (`settings={'encoder.tau_mem_ms': ...}`: 10 sends more spikes than 50)"
+    if len(encoder.sa1.grades) == 1:
+        yield "at more afferents per taxel (`settings={'encoder': 'sa1-ra1-lif-graded'}`)"
 
 
 def _of_processor(folder: Path) -> list[str]:
@@ -582,7 +598,7 @@ def _comparing(
     splits = split_columns(study)
 
     def compare(network: Network, baseline: Baseline) -> Paired | None:
-        its = rows.index[(rows["pair"] == network.pair) & (rows["hidden"] == network.hidden)]
+        its = robustness.of_network(rows, network).index
         if "baselines_trials" not in tables or max(its) >= len(done):
             return None
         left = [(done[index], result_of(folder, done[index])) for index in its]
@@ -603,11 +619,11 @@ def _comparing(
 
 
 def levels(all_fronts: Sequence[Front]) -> dict[str, dict[str, float]]:
-    """For each data set the accuracies at any cost: the baseline chosen on validation trials, and guessing."""
+    """For each data set the accuracies at any cost: of the baseline that is best on validation trials, of guessing."""
     known = {}
     for front in all_fronts:
         best = front.answer.baseline
-        known[front.setting] = ({} if best is None else {"baseline chosen on validation": best.accuracy}) | {
+        known[front.setting] = ({} if best is None else {"best other classifier": best.accuracy}) | {
             "guessing": front.answer.guess
         }
     return known

@@ -25,7 +25,7 @@ from neurotact.report.tables import (
 )
 from neurotact.studies.store import cell_folder, result_of
 from neurotact.studies.study import Cell, StudySpec
-from neurotact.tables import NETWORK, over_seeds, sized
+from neurotact.tables import columns_of_network, over_seeds, sized
 
 MOST_LISTED = 4
 
@@ -57,13 +57,14 @@ def rises(networks: pd.DataFrame, measure: str) -> tuple[list[str], int]:
     (['all, N = 20, 1&5 to 5&5 (+10.0 %)'], 2)
     """
     listed, steps = [], 0
-    for (setting, hidden), rows in networks.groupby(["setting", "hidden"], sort=False):
+    by = [column for column in columns_of_network(networks) if column != "pair"]
+    for (setting, *_), rows in networks.groupby(by, sort=False):
         series = list(zip(rows["pair"], rows[measure], strict=True))
         for (before, low), (after, high) in pairwise(series):
             steps += 1
             if high > low:
                 share = f" (+{100 * (high / low - 1):.1f} %)" if low > 0 else ""
-                listed.append(f"{setting}, {sized(hidden)}, {before} to {after}{share}")
+                listed.append(f"{setting}, {sized(rows.iloc[0])}, {before} to {after}{share}")
     return listed, steps
 
 
@@ -90,20 +91,23 @@ def _accuracy_and_sops(study: StudySpec, results: pd.DataFrame, n_classes: int) 
     best = networks.loc[networks["accuracy_test"].idxmax()]
     diamonds = "; diamonds: published" if published else ""
     of_several = f": mean ± SD over {_seeds(networks)}, single seeds as dots" if networks["seeds"].max() > 1 else ""
-    totals = _rise_sentence("Total SOPs", *rises(networks, "sops_total"))
-    inputs = _rise_sentence("SOPs from afferents to hidden neurons", *rises(networks, "sops_input"))
+    totals = _rise_sentence("Total SOPs", networks, "sops_total")
+    inputs = _rise_sentence("SOPs from afferents to hidden neurons", networks, "sops_input")
     caption = (
         f"Test accuracy and synaptic operations (SOPs) by pair and hidden size N{of_several}{diamonds}. {totals} "
         f"{inputs}{in_the_paper(study, 'Fig. 11')}"
     )
     alt = (
         f"Accuracy and SOPs of {len(networks)} networks; the best mean accuracy is {100 * best['accuracy_test']:.1f} % "
-        f"({best['setting']}, {best['pair']}, {sized(best['hidden'])})."
+        f"({best['setting']}, {best['pair']}, {sized(best)})."
     )
     return Drawn("accuracy-and-sops", "Accuracy and its cost", figure, caption, alt)
 
 
-def _rise_sentence(what: str, listed_rises: list[str], steps: int) -> str:
+def _rise_sentence(what: str, networks: pd.DataFrame, measure: str) -> str:
+    if networks[measure].isna().any():
+        return f"{what} are not counted{'' if networks[measure].isna().all() else ' for every network'}."
+    listed_rises, steps = rises(networks, measure)
     if not steps:
         return ""
     if not listed_rises:
@@ -121,31 +125,39 @@ def _seeds(networks: pd.DataFrame) -> str:
 def _trade_off(
     study: StudySpec, results: pd.DataFrame, levels: Mapping[str, Mapping[str, float]], trials: Mapping[str, int]
 ) -> Drawn:
+    cost = network_figures.cost_of(results)
     figure = network_figures.draw_trade_off(results, levels, trials, periods.axis(study))
-    is_single = "seed" in results and results.groupby(NETWORK).size().max() == 1
+    is_single = "seed" in results and results.groupby(columns_of_network(results)).size().max() == 1
     means = "" if is_single else ", mean over seeds"
     spread = "95 % intervals of the test trials" if is_single and trials else "SD over seeds"
-    fronts = {str(name): _front(rows) for name, rows in results.groupby("setting", sort=False)}
+    fronts = {str(name): _front(rows, cost) for name, rows in results.groupby("setting", sort=False)}
     ends = [f"{name}: {_first_to_last(front)}" for name, front in fronts.items() if front]
+    lines = (
+        "Lines: test accuracy of the classifier without spikes that is best on validation trials, and of guessing. "
+        if levels
+        else ""
+    )
     caption = (
         f"Each point is a pair and a hidden size{means}: filled for the full window, open for early exit as chosen on "
         f"validation trials. Bars: {spread}, for those on the front, which no network beats "
-        f"in both accuracy and SOPs; numbers on it are hidden sizes. Networks on the front of {'; of '.join(ends)}."
+        f"in both accuracy and {cost.name}; numbers on it are hidden sizes. {lines}Networks on the front of "
+        f"{'; of '.join(ends)}."
     )
     alt = " ".join(f"Front of {name}, full window: {', '.join(front)}." for name, front in fronts.items())
-    return Drawn("trade-off", "Accuracy against synaptic operations", figure, caption, alt)
+    return Drawn("trade-off", f"Accuracy against {cost.name}", figure, caption, alt)
 
 
 def _first_to_last(front: list[str]) -> str:
     return f"{len(front)}, from {front[0]} to {front[-1]}" if len(front) > 1 else f"{front[0]} alone"
 
 
-def _front(results: pd.DataFrame) -> list[str]:
+def _front(results: pd.DataFrame, cost: network_figures.Spent) -> list[str]:
     """The networks on the Pareto front of the full window, from the cheapest, in words."""
-    networks = over_seeds(results, ["accuracy_test", "sops_total"]).sort_values("sops_total", kind="stable")
-    front = networks[pareto_front(networks["sops_total"].to_numpy(), networks["accuracy_test"].to_numpy())]
+    networks = over_seeds(results, ["accuracy_test", cost.whole]).sort_values(cost.whole, kind="stable")
+    front = networks[pareto_front(networks[cost.whole].to_numpy(), networks["accuracy_test"].to_numpy())]
     return [
-        f"{row['pair']} {sized(row['hidden'])} ({100 * row['accuracy_test']:.1f} %, {row['sops_total'] / 1e3:,.1f} k)"
+        f"{row['pair']} {sized(row)} ({100 * row['accuracy_test']:.1f} %, {cost.scale * row[cost.whole]:,.1f} "
+        f"{cost.unit})"
         for _, row in front.iterrows()
     ]
 
@@ -161,7 +173,7 @@ def best_of(results: pd.DataFrame) -> int:
     2
     """
     measures = ["accuracy_validation", "sops_total"]
-    means = results.groupby(NETWORK, sort=False)[measures].transform("mean").round(9)
+    means = results.groupby(columns_of_network(results), sort=False)[measures].transform("mean").round(9)
     order = pd.concat([means, results[measures]], axis=1, keys=["network", "seed"])
     by = [("network", "accuracy_validation"), ("network", "sops_total"), ("seed", "accuracy_validation")]
     first = order.reset_index(drop=True).sort_values(by, ascending=[False, True, False], kind="stable").index[0]
@@ -176,9 +188,7 @@ def _best_network(folder: Path, done: list[Cell], results: pd.DataFrame, classes
     best = best_of(results)
     result = result_of(folder, done[best])
     row = result["row"]
-    what = (
-        f"{row['dataset']}, {row['t_ref_ra_ms']:g}&{row['t_ref_sa_ms']:g}, {sized(row['hidden'])}, seed {row['seed']}"
-    )
+    what = f"{row['dataset']}, {row['t_ref_ra_ms']:g}&{row['t_ref_sa_ms']:g}, {sized(row)}, seed {row['seed']}"
     matrix = confusion(result, classes)
     if matrix is not None:
         right = 100 * np.trace(matrix) / max(matrix.sum(), 1)

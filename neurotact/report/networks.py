@@ -44,7 +44,7 @@ from neurotact.studies.encoding_tables import read_encoding
 from neurotact.studies.store import ANSWER, is_done
 from neurotact.studies.study import SPLIT, Cell, StudySpec, cells, setting_columns, split_columns, swept_columns
 from neurotact.studies.way import HEADS
-from neurotact.tables import over_seeds, read_table, write_table
+from neurotact.tables import over_seeds, read_table, size_of, write_table
 
 DOWNLOADS = {
     "results.csv": "one row per trained network",
@@ -155,7 +155,7 @@ def write(
         figures=chain(
             course.drawings,
             encoding_drawings(study, trains, encoding, classes),
-            network_drawings(study, folder, of_rows, rows, classes, levels, test_trials),
+            network_drawings(study, folder, of_rows, rows.join(spent), classes, levels, test_trials),
             searches.drawings if searches else (),
             extra_drawings(study, results, extra, classes),
         ),
@@ -201,6 +201,7 @@ def _counted(results: pd.DataFrame) -> str:
     are_pairs = results["pair"].str.contains("&", regex=False).any()
     period = "pair of refractory periods" if are_pairs else "refractory period"
     axes = {"pair": period, "hidden": "size", "dataset": "data set", "seed": "seed"}
+    results = results.assign(hidden=results.apply(size_of, axis=1))
     parts = [number_of(results[column].nunique(), word) for column, word in axes.items()]
     return f"{number_of(len(results), 'network')}: {', '.join(parts)}"
 
@@ -271,7 +272,7 @@ def means_table(results: pd.DataFrame, study: StudySpec) -> Table:
     """Means over seeds, and over splits where several were run, ± SD of each network."""
     measures = [measure for measure in MEASURES if measure in results]
     rows = [
-        [str(row["setting"]), str(row["pair"]), str(row["hidden"]), str(row["seeds"])]
+        [str(row["setting"]), str(row["pair"]), size_of(row), str(row["seeds"])]
         + [spread(NETWORK_COLUMNS[measure], row[measure], row[f"{measure}_sd"]) for measure in measures]
         for _, row in over_seeds(results, measures).iterrows()
     ]
@@ -308,7 +309,11 @@ def networks_table(results: pd.DataFrame, study: StudySpec) -> list[list[Entry]]
     return [
         [
             Entry(
-                spread(NETWORK_COLUMNS[column], row[column]) if column in MEASURES else str(row[column]),
+                spread(NETWORK_COLUMNS[column], row[column])
+                if column in MEASURES
+                else size_of(row)
+                if column == "hidden"
+                else str(row[column]),
                 int(order[index]) if column == "pair" else plain(row[column]),
             )
             for column in columns

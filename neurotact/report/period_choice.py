@@ -26,9 +26,9 @@ from neurotact.metrics.resampled import (
 )
 from neurotact.report import periods
 from neurotact.report.answer import Network, OfNetworks, Trials
+from neurotact.report.robustness import of_network
 from neurotact.report.wording import milliseconds, percent
 from neurotact.studies.automatic import FOLDS
-from neurotact.tables import NETWORK
 
 Kind = Literal["use", "none", "unclear"]
 ANY = (-math.inf, math.inf)
@@ -43,14 +43,19 @@ MINUS = "\u2212"
 class Evidence(NamedTuple):
     """What a network saves beside another one, and what it costs, all as shares.
 
-    sops, nJ: what it saves, with the interval over trainings; nJ is None where it is not counted. lost: of the accuracy
-    on test trials. seen: of that on validation trials, and whether splits show that to be clear.
+    sops, nJ: what it saves, with the interval over trainings; NaN and None where it is not counted. lost: of the
+    accuracy on test trials. seen: of that on validation trials, and whether splits show that to be clear.
     """
 
     sops: Interval
     nJ: Interval | None
     lost: Interval
     seen: tuple[float, bool] = (0.0, False)
+
+    @property
+    def is_counted(self) -> bool:
+        """Whether SOPs or energy are counted."""
+        return self.nJ is not None or not math.isnan(self.sops.mean)
 
     @property
     def saves(self) -> bool:
@@ -124,7 +129,7 @@ def chosen(networks: Sequence[Network], trials: Trials) -> Network | None:
 def _peers(networks: Sequence[Network], found: Network) -> list[Network]:
     """The networks of other periods to compare one with: of its size, or all where each period searched a size."""
     is_searched = len({one.pair for one in networks}) == len(networks)
-    return [one for one in networks if one.pair != found.pair and (is_searched or one.hidden == found.hidden)]
+    return [one for one in networks if one.pair != found.pair and (is_searched or one.size == found.size)]
 
 
 def noise_of(network: Network, trials: Trials) -> float:
@@ -181,6 +186,8 @@ def _in_doubt(
         return untold[:1].lower() + untold[1:], "trials"
     if not outcome.is_above_chance:
         return "no network is clearly better than guessing", "trials"
+    if not evidence.is_counted:
+        return "what their decisions cost is not counted", "trials"
     ways = [one.way(outcome.trials) for one in outcome.rows]
     noise = [noise_of(one, outcome.trials) for one in outcome.rows]
     may_be = referee.may_be_cheapest(ways, outcome.trials.validation, noise)
@@ -284,11 +291,13 @@ def _short(pair: str, sample_ms: float) -> str:
 
 def _gain(evidence: Evidence) -> str:
     """What is saved, and for how many points."""
-    saved = _saved(evidence.sops, "SOPs", "of the SOPs")
+    if not evidence.is_counted:
+        return _for(evidence.lost, "loses", "gains")
+    saved = _saved(evidence.sops, "SOPs", "of the SOPs") if not math.isnan(evidence.sops.mean) else ""
     if evidence.nJ is not None:
         energy = _saved(evidence.nJ, "energy", "of the energy")
         same = saved.split(" ", 1)[0] == energy.split(" ", 1)[0]
-        saved = f"{saved} and {energy.split(' ', 1)[1] if same else energy}"
+        saved = f"{saved} and {energy.split(' ', 1)[1] if same else energy}" if saved else energy
     return f"{saved} {_for(evidence.lost)}"
 
 
@@ -305,7 +314,7 @@ def _saved(saved: Interval, what: str, of: str) -> str:
     return f"saves {share} {of}{within}" if sign > 0 else f"takes {share} more {what}{within}"
 
 
-def _for(lost: Interval) -> str:
+def _for(lost: Interval, loses: str = "for", gains: str = "and gains") -> str:
     """
     >>> _for(Interval(0.004, -0.006, 0.014)), _for(Interval(-0.02, -0.03, -0.01))
     ('for 0.4 points (\u22120.6 to 1.4)', 'and gains 2.0 points (1.0 to 3.0)')
@@ -314,7 +323,7 @@ def _for(lost: Interval) -> str:
     ends = sorted((sign * lost.low, sign * lost.high))
     within = "" if math.isnan(lost.low) else f" ({' to '.join(_number(100 * end, 1) for end in ends)})"
     points = f"{_number(100 * abs(lost.mean), 1)} points"
-    return f"{'for' if sign > 0 else 'and gains'} {points}{within}"
+    return f"{loses if sign > 0 else gains} {points}{within}"
 
 
 def _number(value: float, digits: int) -> str:
@@ -411,7 +420,7 @@ class Comparison(NamedTuple):
         both = self._of(one).merge(self._of(other), on=by, suffixes=("", " of other"))
         costs = [self._saved(both, "whole_sops"), self._saved(both, "whole_nJ")]
         # Without pairs, means alone are compared.
-        sops = costs[0] or _alone(1 - one.whole.sops / other.whole.sops if other.whole.sops > 0 else 0.0)
+        sops = costs[0] or _alone(0.0 if other.whole.sops == 0 else 1 - one.whole.sops / other.whole.sops)
         lost, seen = other.whole.accuracy - one.whole.accuracy, other.validation - one.validation
         if self._n_splits(both) < LEAST_SPLITS:
             return Evidence(sops, costs[1], self._over_trials(one, other, both, lost), (seen, False))
@@ -421,7 +430,7 @@ class Comparison(NamedTuple):
         return Evidence(sops, costs[1], found, (seen, clear))
 
     def _of(self, network: Network) -> pd.DataFrame:
-        own = self.rows[(self.rows[NETWORK[1]] == network.pair) & (self.rows[NETWORK[2]] == network.hidden)]
+        own = of_network(self.rows, network)
         return own.assign(row=own.index)
 
     def _n_splits(self, both: pd.DataFrame) -> int:

@@ -18,6 +18,7 @@ from neurotact.studies.automatic import TESTED
 from neurotact.studies.cell import RIGHT_SEEN
 from neurotact.studies.store import result_of
 from neurotact.studies.study import Cell, StudySpec
+from neurotact.tables import LAYERS
 
 REMEDIES = "remedies"
 TRAINED = "at trained conditions"
@@ -26,7 +27,8 @@ GAINS = ("gained by copies (points)", "gained by the last training (points)")
 
 def of_network(table: pd.DataFrame, network: Network) -> pd.DataFrame:
     """The rows of a table that belong to a network."""
-    return table[(table["pair"] == network.pair) & (table["hidden"] == network.hidden)]
+    is_own = (table["pair"] == network.pair) & (table["hidden"] == network.hidden)
+    return table[is_own & (table[LAYERS] == network.layers) if LAYERS in table else is_own]
 
 
 def sentence(table: pd.DataFrame | None, network: Network) -> list[str]:

@@ -1,7 +1,7 @@
 """What an answer says, in sentences: the verdict with its numbers, then what it costs, saves and leaves in doubt."""
 
 import math
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from typing import Any, NamedTuple
 
 from scipy.stats import binom
@@ -309,12 +309,12 @@ def gaps(outcome: OfNetworks, cause: str) -> Iterator[str]:
         )
 
 
-def where_lost(outcome: OfNetworks) -> Iterator[str]:
+def where_lost(outcome: OfNetworks, of_encoder: Sequence[str] = ()) -> Iterator[str]:
     """If spiking costs accuracy: the loss of the encoding, of the network, and of what is saved, and remedies.
 
     The same windows are classified from the signals and from the afferents' spikes, by the classifiers chosen on
     validation trials, by the best network on these, and by the chosen one. A loss of one test trial or less is not
-    reported.
+    reported. of_encoder: what else may help, by the keys that this encoder has.
 
     >>> from neurotact.report.answer import Trials, answer
     >>> network = Network("1&1", 20, 1, 0.6, Decision(0.5, 1000.0, 500.0, 80.0, None), None)
@@ -328,12 +328,12 @@ def where_lost(outcome: OfNetworks) -> Iterator[str]:
     of_signals, of_spikes = (group[referee.best_of([one.way(outcome.trials) for one in group])] for group in groups)
     used, leader = outcome.best.accuracy, outcome.leader.accuracy
     encoding, network = of_signals.accuracy - of_spikes.accuracy, of_spikes.accuracy - leader
+    windows = "at other windows (`settings={'window.length_ms': ..., 'window.align': 'onset'}`)"
+    *first, last = windows, *of_encoder
+    remedies = f"{', '.join(first)}{' and ' if first else ''}{last}"
     lost = {
         f"the encoding loses {100 * encoding:.1f} points ({percent(of_signals.accuracy)} by {of_signals.name}, "
-        f"{percent(of_spikes.accuracy)} by {of_spikes.name}); look at `nt.calibrate(..., compare=True)`, at other "
-        "windows (`settings={'window.length_ms': ..., 'window.align': 'onset'}`), at afferents of other membranes "
-        "(`settings={'encoder.tau_mem_ms': ...}`: 10 sends more spikes than 50) and at more afferents per taxel "
-        "(`settings={'encoder': 'sa1-ra1-lif-graded'}`)": encoding,
+        f"{percent(of_spikes.accuracy)} by {of_spikes.name}); look {remedies}": encoding,
         f"the network loses {100 * network:.1f} points ({percent(of_spikes.accuracy)} by {of_spikes.name}, "
         f"{percent(leader)} by the best network on validation trials); record more trials, or run the whole study if "
         "this is a quick one": network,

@@ -27,7 +27,7 @@ from neurotact.studies import measures
 from neurotact.studies.automatic import TESTED
 from neurotact.studies.store import BASELINES, cell_folder
 from neurotact.studies.study import SPLIT, Cell, StudySpec
-from neurotact.tables import read_table
+from neurotact.tables import LAYERS, read_table
 
 EXTRA_TABLES = {"conditions": "test_every_condition", "remedies": "augmentation"}
 """Tables that only some studies have, and the key of a study that requests each; measures bring further ones."""
@@ -43,7 +43,8 @@ def with_pair(table: pd.DataFrame, study: StudySpec) -> pd.DataFrame:
     >>> with_pair(rows, resolve("refractory-period"))["pair"].tolist()
     ['1&10']
     """
-    return table.assign(pair=[*periods.of_rows(table, study)])
+    layers = {LAYERS: table[LAYERS].fillna("")} if LAYERS in table else {}  # beside networks of one layer
+    return table.assign(pair=[*periods.of_rows(table, study)], **layers)
 
 
 def with_setting(results: pd.DataFrame, swept: list[str]) -> pd.DataFrame:

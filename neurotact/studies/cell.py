@@ -25,6 +25,7 @@ from neurotact.studies import encoding_tables, measures
 from neurotact.studies.engine import Files
 from neurotact.studies.store import RESULT, TIMING, cell_folder
 from neurotact.studies.study import Cell
+from neurotact.tables import LAYERS
 
 TOLD_S, JUDGED_S, LONG_MIN = 1.0, 20.0, 5.0
 """Seconds after which a training says how far it is and its time is estimated; minutes from which on a line is printed.
@@ -181,6 +182,7 @@ def _files_of(
         "dataset": cell.dataset,
         **encoding_tables.periods(cell),
         "hidden": fitted.network.spec.n_hidden,
+        **({LAYERS: layers} if (layers := fitted.network.spec.layers) else {}),
         "seed": cell.seed,
         **result["row"],
         "sops_validation": measuring.mean_sops(fitted.network, sides.validation),

@@ -15,7 +15,7 @@ from neurotact.studies.calibration_keys import ENCODER
 from neurotact.studies.encoding_tables import read_encoding
 from neurotact.studies.engine import Beside, Engine, Files, Results
 from neurotact.studies.study import OF_SPIKES, SOURCE, Cell, StudySpec, by_split, swept_columns, value_at
-from neurotact.tables import write_table
+from neurotact.tables import LAYERS, write_table
 
 with lazily():  # a process that waits for others, which compute, needs no torch
     from neurotact.studies import cell as cells
@@ -98,7 +98,8 @@ def tables(folder: Path, what: StudySpec, results: Results) -> Mapping[str, pd.D
     for cell, result in results:
         if "tables" not in result:
             continue
-        keys = {name: result["row"][name] for name in ("dataset", "t_ref_ra_ms", "t_ref_sa_ms", "hidden", "seed")}
+        known = ("dataset", "t_ref_ra_ms", "t_ref_sa_ms", "hidden", LAYERS, "seed")
+        keys = {name: result["row"][name] for name in known if name in result["row"]}
         keys |= {key: value_at(cell, key) for key in swept}
         for name, lines in result["tables"].items():
             further.setdefault(f"{name}.csv", []).extend({**keys, **line} for line in lines)

@@ -21,7 +21,7 @@ from neurotact.studies import store
 from neurotact.studies.engine import AnyCell, Engine, MapCells
 from neurotact.studies.executors import executor
 from neurotact.studies.loading import Study, engine_of, read_back
-from neurotact.studies.store import cell_folder, is_done
+from neurotact.studies.store import CELLS, cell_folder, is_done
 from neurotact.studies.study import Cell, to_toml
 from neurotact.tables import read_table, write_table
 from neurotact.versions import versions
@@ -58,7 +58,10 @@ def run(study: Study, folder: Path, workers: int | None = None, scheduler: str |
             try:
                 _compute(engine, study, cells, folder, map_cells)
             except InputError:
-                if is_new and not any(is_done(folder, cell) for cell in cells):
+                if (folder / CELLS).exists() or store.read((folder / cells[0].given).parent) is not None:
+                    again = f"neurotact study resume {folder}"
+                    say(f"{folder}: keeps what is done; {again}, or the corrected command, goes on")
+                elif is_new:
                     files.empty(folder)  # so that the user can correct the command and repeat it
                 raise
         _write_tables(engine, study, cells, folder)
@@ -186,7 +189,8 @@ def _place(cell: AnyCell) -> str:
 def _claim(folder: Path, study: Study) -> None:
     """Claim `folder` for this study; InputError if it belongs to another, or to one that was saved in another form.
 
-    A folder without a manifest belongs to the study that it contains.
+    A folder without a manifest belongs to the study that it contains. Where no cell has begun, another study, such as a
+    corrected one, takes it over with the inputs that are made.
     """
     path, known, made_from = folder / STUDY, store.read(folder), _made_from(study)
     if known is not None:
@@ -197,7 +201,10 @@ def _claim(folder: Path, study: Study) -> None:
         is_ours = True
     else:
         raise InputError(f"{folder}: is not empty and holds no study; choose another folder")
-    if not is_ours:
+    if not is_ours and known is not None and not (folder / CELLS).exists():
+        for name in known.files:  # of the other study
+            (folder / Path(name).name).unlink(missing_ok=True)
+    elif not is_ours:
         raise InputError(
             f"{folder}: already holds another study{_differing(study, path)}; choose another folder or remove it"
         )

@@ -22,7 +22,7 @@ from neurotact.errors import InputError
 from neurotact.progress import say
 from neurotact.studies.engine import AnyCell, Files
 
-FILES = "files.json"
+FILES, CELLS = "files.json", "cells"
 ANSWER, PAGE = "answer.json", "report.html"
 """The first screen of a report for programs, where its study has an answer in words, and the report."""
 BASELINES = ("baselines.csv", "baselines_trials.csv")
@@ -186,7 +186,7 @@ def parts_took(folder: Path) -> dict[str, float]:
 
 def cell_folder(folder: Path, cell: AnyCell) -> Path:
     """The folder of a cell's files."""
-    return folder / "cells" / cell.digest()
+    return folder / CELLS / cell.digest()
 
 
 def write_cell(left: Files, cell: AnyCell, folder: Path) -> None:

@@ -23,6 +23,10 @@ def check(sweep: Mapping[str, list[Any]]) -> None:
             raise ValueError(f"sweep of '{axis}' has no value")
         if any(not isinstance(v, list) or len(v) != len(axis.split(JOIN)) for v in values if JOIN in axis):
             raise ValueError(f"sweep of '{axis}' needs a list of {len(axis.split(JOIN))} values for each point")
+    for axis, values in sweep.items():
+        plain = [json.dumps(value[0] if isinstance(value, list) and len(value) == 1 else value) for value in values]
+        if twice := [value for n, value in enumerate(plain) if value in plain[:n]]:
+            raise ValueError(f"sweep of '{axis}' has {twice[0]} twice; drop one")
     tables = [(axis, value) for axis, values in sweep.items() for value in values if isinstance(value, Mapping)]
     if tables:
         axis, table = tables[0]

@@ -305,13 +305,14 @@ def _training(study: StudySpec, network: RSNNSpec, training: Mapping[str, Any]) 
 
 def _differences(study: StudySpec, every: Sequence[Mapping[str, Any]], differ: Mapping[str, Any]) -> Iterator[str]:
     """The settings that the networks have not alike: those of each size, then those that differ within a size."""
-    sizes = list(dict.fromkeys(one.get("hidden") for one in every))
-    within: dict[str, Any] = {} if len(sizes) > 1 else _flat(differ)
-    for size in sizes if len(sizes) > 1 else ():
+    sizes = differ.get("hidden", ())
+    within: dict[str, Any] = {} if sizes else _flat(differ)
+    for size in sizes:
         alike, apart = map(_flat, shared([one for one in every if one.get("hidden") == size]))
         own = {key: value for key, value in alike.items() if key in _flat(differ) and key != "hidden"}
         if found := listed(_untold(own, "network.", study)):
-            yield f"Networks of {size} hidden neurons had {found}."
+            named = "+".join(map(str, size)) if isinstance(size, list) else size  # of several layers
+            yield f"Networks of {named} hidden neurons had {found}."
         for key, values in apart.items():
             known = within.setdefault(key, [])
             known += [value for value in values if value not in known]

@@ -18,6 +18,7 @@ from neurotact.networks.training import numbers
 from neurotact.report import periods
 from neurotact.studies.store import result_of
 from neurotact.studies.study import Cell, StudySpec, by_split, encoder_columns
+from neurotact.tables import columns_of_network, size_of
 
 EVENTS = "events"
 
@@ -134,15 +135,16 @@ def _is_worse(one: Way, chosen: Way) -> bool:
 
 def networks_of(folder: Path, rows: pd.DataFrame, done: Sequence[Cell], target: Sequence[str]) -> Iterator[Way]:
     """The networks of a run, each over its splits and seeds; rows: of results with costs, whose index counts `done`."""
-    for (pair, hidden), own in rows.groupby(["pair", "hidden"], sort=False):
+    for (pair, hidden, *_), own in rows.groupby(columns_of_network(rows)[1:], sort=False):
         cells = [done[index] for index in own.index]
         results = [result_of(folder, cell) for cell in cells]
         window_s = 1e-3 * own["whole_ms"].mean() if [*target] == [EVENTS] else 1.0
         found = _events(results, len(cells) / len(by_split(cells))) if [*target] == [EVENTS] else _told(results, target)
         held, tested, delays = (_mean([result.get(side, {}) for result in results]) for side in (HELD, "right", DELAYS))
         nJ, sops, spikes = (float(own[f"whole_{key}"].mean()) / window_s for key in ("nJ", "sops", "spikes"))
+        size = f"{size_of(own.iloc[0])} neurons" if hidden else "no hidden layer"
         yield Way(
-            f"network, {f'{hidden} neurons' if hidden else 'no hidden layer'}", f"spikes of {periods.in_ms(str(pair))}",
+            f"network, {size}", f"spikes of {periods.in_ms(str(pair))}",
             held, tested, nJ, {**found, "ms": float(own["whole_ms"].mean())}, sops, spikes, tuple(cells), delays,
             str(pair),
         )  # fmt: skip

@@ -107,6 +107,8 @@ def rule_of(what: StudySpec) -> Rule:
             f"selection needs a sweep of '{LENGTH}', '{PAIR}' and 'network.hidden'; beside them only seed and keys "
             f"of {SOURCE.rstrip('.')}, over which it averages"
         )
+    if layered := [size for size in what.sweep["network.hidden"] if isinstance(size, list)]:
+        raise InputError(f"selection compares sizes of one hidden layer; give a number in place of {layered[0]}")
     return build(Rule, what.parameters, source=f"parameters of {what.title}")
 
 

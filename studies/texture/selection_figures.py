@@ -47,7 +47,7 @@ def draw_lengths(networks: pd.DataFrame, means: pd.DataFrame, tolerance: float) 
         for index, (size, shade) in enumerate(zip(sizes, sequence(len(sizes)), strict=True)):
             rows = networks[networks["hidden"] == size].sort_values(LENGTH)
             style = series_style(index) | {"color": shade, "ms": 3.5, "lw": 0.8}
-            axes.plot(rows[LENGTH], scale * rows[measure], label=f"{sized(size)}", **style)
+            axes.plot(rows[LENGTH], scale * rows[measure], label=f"N = {size}", **style)
         axes.plot(means[LENGTH], scale * means[measure], color=INK, lw=1.8, label="mean")
         _name_lengths(axes, means[LENGTH].tolist())
         axes.set(ylabel=words)
@@ -87,7 +87,7 @@ def draw_choice(networks: pd.DataFrame, tolerance: float) -> Figure:
     axes.grid()
     add_legend(figure, [axes], ncols=4, title=PAIR_AXIS)
     order = [*chosen.index, *networks.index.difference(chosen.index)]
-    names = [f"{row['rank']:g}. {sized(row['hidden'])}" for _, row in chosen.iterrows()]
+    names = [f"{row['rank']:g}. {sized(row)}" for _, row in chosen.iterrows()]
     names += [f"{hidden}" for hidden in networks["hidden"][order[len(chosen) :]]]
     label_points(axes, x[order], y[order], names, fontsize=6.5, gid="size")
     return figure

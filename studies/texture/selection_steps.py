@@ -171,7 +171,7 @@ def _exits(course: Selection) -> Shown:
         "the paper's own exit (its Algorithm 1), which uses the true label, is shown for comparison."
     )
     words = [
-        f"{row['pair']}, {sized(row['hidden'])} stops after "
+        f"{row['pair']}, {sized(row)} stops after "
         f"{course.last.length_ms * row['exit_steps'] / row['window_steps']:.0f} of {course.last.length_ms:g} ms "
         f"({row['exit_steps']:.0f} of {row['window_steps']:.0f} steps) and saves {100 * row['exit_saved']:.1f} % of "
         "the SOPs"
@@ -200,13 +200,13 @@ def _chosen_words(attempt: Attempt) -> str:
     best = networks[networks["best"]].iloc[0]
     chosen = networks[networks["chosen"]].sort_values("rank")
     words = [
-        f"{row['pair']}, {sized(row['hidden'])} "
+        f"{row['pair']}, {sized(row)} "
         f"({100 * (row['accuracy_validation'] - best['accuracy_validation']):+.1f} points, "
         f"{100 * (row['sops_validation'] / best['sops_validation'] - 1):+.0f} % SOPs)"
         for _, row in chosen.iterrows()
     ]
     return (
-        f"Selected: {'; '.join(words)}, compared with the most accurate, {best['pair']}, {sized(best['hidden'])} "
+        f"Selected: {'; '.join(words)}, compared with the most accurate, {best['pair']}, {sized(best)} "
         f"({100 * best['accuracy_validation']:.1f} %). {int(networks['within'].sum())} of {len(networks)} networks are "
         "within the tolerance."
     )
@@ -247,7 +247,7 @@ def _text(column: str, value: object) -> str:
 
 
 def _name(network: Network) -> str:
-    return f"{network.pair}, {sized(network.hidden)}"
+    return f"{network.pair}, N = {network.hidden}"
 
 
 def _names(table: pd.DataFrame) -> list[str]:

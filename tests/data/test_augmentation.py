@@ -5,10 +5,12 @@ from dataclasses import replace
 import numpy as np
 import pandas as pd
 import pytest
+import torch
 from hypothesis import given
 from hypothesis import strategies as st
 
-from neurotact.data import hdf5
+from neurotact import plugins
+from neurotact.data import augmentation, hdf5
 from neurotact.data.augmentation import CANDIDATES, AugmentationSpec, played, varied_copies
 from neurotact.data.recordings import Recordings
 from neurotact.data.spikes import StoredCopies
@@ -16,6 +18,7 @@ from neurotact.data.windows import WindowSpec
 from neurotact.encoders import specs
 from neurotact.encoders.encoding import encode_recordings
 from neurotact.errors import InputError
+from neurotact.networks.training import tasks
 from neurotact.spec import build
 
 RATE_HZ = 200.0
@@ -166,6 +169,25 @@ def test_a_share_of_the_taxels_rests_and_the_others_are_those_of_the_kind_withou
         np.testing.assert_array_equal(signal[:, ~still], own[:, ~still].astype(np.float32))
         drawn.add((*still,))
     assert len(drawn) > 1 or n_taxels == 2 or share > 0.5
+
+
+def test_copies_are_encoded_once_for_the_trainings_that_read_them_again(monkeypatch):
+    """Of the last reads alone, so that many splits take no more memory."""
+    encoder, made = specs.resolve("sa1-ra1-lif", CLOCK), []
+    trains = encode_recordings(touches(), encoder, augmentation=AugmentationSpec())
+    encode = plugins.load_function("tools", "encode_copies")
+    monkeypatch.setattr(plugins, "load_function", lambda *_: lambda *given: made.append(1) or encode(*given))
+    task = tasks.Task(window=WindowSpec(length_ms=200), augmentation="time")
+    first, again, other = (tasks.sides_of(trains, task.model_copy(update={"augmentation": kind}))
+                           for kind in ("time", "time", "gain"))  # fmt: skip
+    assert len(made) == 2
+    assert torch.equal(first.train.spikes, again.train.spikes)
+    assert not torch.equal(first.train.spikes, other.train.spikes)
+    variations = trains.variations
+    assert variations is not None
+    for place in range(2 * augmentation.MOST_MADE):
+        [*variations.source.blocks(np.array([place]))]
+    assert len(variations.source.made) == augmentation.MOST_MADE
 
 
 def test_afferents_of_a_taxel_at_rest_are_silent():

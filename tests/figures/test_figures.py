@@ -129,9 +129,7 @@ def test_a_level_far_below_the_points_is_told_and_does_not_squeeze_them():
     setting = results["setting"].iloc[0]
     low = results["accuracy_test"].min()
     for level, is_drawn in ((low - 0.01, True), (low / 100, False)):
-        figure = network_figures.draw_trade_off(
-            results, {setting: {"baseline chosen on validation": low, "guessing": level}}
-        )
+        figure = network_figures.draw_trade_off(results, {setting: {"best other classifier": low, "guessing": level}})
         axes = figure.axes[0]
         lines = [line.get_ydata()[0] for line in axes.get_lines() if line.get_gid() == "level"]
         assert lines == pytest.approx([100 * low, 100 * level] if is_drawn else [100 * low])

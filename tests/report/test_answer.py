@@ -1,14 +1,18 @@
 """The answer of a run: hand-computed choices, ties, a single network, and what beats what."""
 
 import math
+import re
 
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from neurotact import spec_names
+from neurotact.encoders.model import DrivenSpec
+from neurotact.encoders.specs import load
 from neurotact.metrics.paired import Paired
 from neurotact.metrics.shares import standard_error
-from neurotact.report import first_screen, sentences
+from neurotact.report import first_screen, front, sentences
 from neurotact.report.answer import Baseline, Decision, Network, Trials, answer
 from neurotact.report.sentences import details, headline
 
@@ -213,17 +217,33 @@ def test_what_is_lost_is_divided_between_encoding_and_network():
     ]
 
     def lost(accuracy: float, known=rivals, trials=TRIALS):
-        return list(sentences.where_lost(answer([network(accuracy=accuracy)], known, 0.05, trials)))
+        return list(sentences.where_lost(answer([network(accuracy=accuracy)], known, 0.05, trials), ["at more"]))
 
     encoding, trained = lost(0.33)
     assert "the encoding loses 23.0 points (80.0 % by ELM on signals (10 time bins), 57.0 % by logistic" in encoding
-    assert "`nt.calibrate(..., compare=True)`" in encoding
-    assert "encoder.tau_mem_ms" in encoding
+    assert encoding.endswith("; look at other windows (`settings={'window.length_ms': ..., 'window.align': 'onset'}`) "
+                             "and at more")  # fmt: skip
     assert "the network loses 24.0 points (57.0 % by logistic regression on 10&10 ms spikes" in trained
     assert "record more trials" in trained
     assert lost(0.56) == [encoding]  # one test trial of a hundred is no loss
     assert lost(0.93) == []  # no clear difference
     assert lost(0.33, rivals[:2]) == []  # no classifier of spikes
+
+
+@pytest.mark.parametrize("name", spec_names("encoders"))
+def test_the_remedies_of_an_encoding_are_those_that_its_encoder_has(name, monkeypatch, tmp_path):
+    encoder = load(name)
+    said = " ".join(front._of_afferents(encoder))
+    for key in re.findall(r"'encoder\.([\w.]+)'", said):
+        assert key in type(encoder).model_fields
+    for other in re.findall(r"'encoder': '([\w-]+)'", said):
+        assert load(other).model == encoder.model
+        assert load(other) != encoder
+    if encoder.model != "lif":
+        assert "`which-encoder` compares them" in said
+    if "compare=True" in said:
+        assert isinstance(encoder, DrivenSpec)
+        assert not encoder.is_signed
 
 
 def test_more_operations_are_not_called_fewer():

@@ -707,6 +707,20 @@ def test_early_exit_answers_only_where_its_loss_is_bounded(tmp_path, monkeypatch
 
 
 @pytest.mark.usefixtures("text_alone")
+def test_advice_on_a_loss_in_encoding_is_of_the_encoder_of_the_study(tmp_path, monkeypatch):
+    asked = []
+    monkeypatch.setattr(front.sentences, "where_lost", lambda _, more: asked.append(more) or [])
+    both = study.PARTS["encoder"]("sa1-ra1-lif-polarities")
+    what = make_study(claims=(), dataset={"simulate": "gratings", "subsets": {"mixed": {}}}, encoder=both,
+                      sweep={"network.hidden": [20]})  # fmt: skip
+    networks.write(what, make_run(what, tmp_path, grating_conditions()))
+    (said,) = asked
+    assert len(said) == 2
+    assert "encoder.tau_mem_ms" in said[0]
+    assert "sa1-ra1-lif-graded" in said[1]  # and no comparison of polarities, of which it has both
+
+
+@pytest.mark.usefixtures("text_alone")
 def test_the_loss_of_a_network_is_bounded_by_its_own_trainings(tmp_path, monkeypatch):
     asked, bounded = [], front.with_exit_bound
     monkeypatch.setattr(front, "with_exit_bound", lambda *given: asked.append(given) or bounded(*given))

@@ -184,9 +184,37 @@ def test_a_folder_that_holds_another_study_is_refused(finished):
 def test_what_is_refused_before_anything_is_computed_leaves_the_folder_free(tmp_path):
     """So that the mended command can have it; what was computed is never removed."""
     folder = tmp_path / "run"
-    with pytest.raises(InputError, match="fewer than the 999 folds"):
-        runner.run(study.resolve(TINY, {"split.folds": 999, "split.fold": 0}), folder, workers=1)
-    assert files.is_free(folder)
+    with studies_here(), pytest.raises(InputError, match="window"):
+        runner.run(study.resolve(TINY, {"window.length_ms": 5000.0}), folder)
+    assert not folder.exists()
+    with studies_here(), pytest.raises(InputError, match="fewer than the 999 folds"):
+        runner.run(study.resolve(TINY, {"split.folds": 999, "split.fold": 0}), folder)
+    assert (folder / "spikes" / "files.json").is_file()
+
+
+def test_a_study_that_fails_after_it_has_encoded_keeps_that_for_the_corrected_one(tmp_path, capsys):
+    """Not a folder with a cell, and nothing that neurotact did not write."""
+    folder, changed = tmp_path / "run", {"network.training.epochs": 1}
+
+    def refuse(*_):
+        raise InputError("no opponent can be fitted")
+
+    with studies_here(), pytest.MonkeyPatch.context() as patch:
+        patch.setattr("neurotact.studies.cell.run_cell", refuse)
+        with pytest.raises(InputError, match="no opponent"):
+            runner.run(study.resolve(TINY), folder)
+    again = f"neurotact: {folder}: keeps what is done; neurotact study resume {folder}, or the corrected command, goes"
+    assert again in capsys.readouterr().err
+    encoded = {path.name: path.stat().st_mtime_ns for path in (folder / "spikes").glob("*.h5")}
+    assert len(encoded) == 2
+    files.write_text(folder / "notes.md", "mine")
+    with studies_here():
+        runner.run(study.resolve(TINY, changed), folder)
+    assert {path.name: path.stat().st_mtime_ns for path in (folder / "spikes").glob("*.h5")} == encoded
+    assert (folder / "notes.md").read_text() == "mine"
+    assert len(list(folder.glob("cells/*"))) == 8
+    with pytest.raises(InputError, match="already holds another study"):
+        runner.run(study.resolve(TINY), folder)
 
 
 def test_a_study_that_is_refused_later_keeps_what_is_done(finished, tmp_path, monkeypatch):

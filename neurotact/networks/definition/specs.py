@@ -292,6 +292,16 @@ class RSNNSpec(Spec):
         return self.hidden if self.own is None else int(getattr(self.own, "n_hidden", 0))
 
     @property
+    def layers(self) -> str:
+        """The neurons of each hidden layer, if there are several; else empty.
+
+        >>> RSNNSpec(hidden=[20, 10]).layers, RSNNSpec(hidden=30).layers
+        ('20+10', '')
+        """
+        each = getattr(self.own, "hidden", 0)
+        return "+".join(map(str, each)) if isinstance(each, tuple) and len(each) > 1 else ""
+
+    @property
     def spike(self) -> SpikeFunction:
         """What a hidden neuron sends, with its surrogate gradient."""
         return surrogates.spike_function(self.surrogate, self.surrogate_scale)

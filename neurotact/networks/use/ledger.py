@@ -22,7 +22,7 @@ from neurotact.networks.definition import module, recipe
 from neurotact.networks.definition.specs import RSNNSpec
 from neurotact.networks.use.measuring import OWN_KEYS, SPIKES, TOUCHED
 from neurotact.spec import build, digest
-from neurotact.tables import NETWORK, in_words_of_size, means_over
+from neurotact.tables import columns_of_network, in_words_of_size, means_over
 
 SOPS = ("sops_input", "sops_recurrent", "sops_readout")
 MEASURED = (*SOPS, "sops_total", "sops_total_feedforward")
@@ -270,7 +270,7 @@ def study_ledger(
         alone = [(of_kind[str(kind)].cost(steps, own["mean"]), own["size"]) for kind, own in spikes.iterrows()]
         encoding = _mean(alone)
         rows.append((f"conditioning and encoding alone, {encoding.signal_ms:g} ms", encoding))
-    by = [*NETWORK, *([MODEL] if MODEL in results else [])]
+    by = [*columns_of_network(results), *([MODEL] if MODEL in results else [])]
     counted = [is_row_counted(spec, row) for row in results.to_dict("records")]
     if not all(counted):
         n = counted.count(False)
@@ -287,7 +287,7 @@ def study_ledger(
             made_by = of_kind[row[KIND]]
             one = row_cost(spec, row, made_by, n_classes=n_classes, event_driven=prices.event_driven)
             spent.append((one, row["seeds"]))
-        size = in_words_of_size(first["hidden"], first.get(OWN_KEYS))
+        size = in_words_of_size(first, first.get(OWN_KEYS))
         rows.append((f"spiking: {first['setting']}, t_ref {first['pair']} ms, {size}", _mean(spent)))
     return ledger_table(rows, prices)
 

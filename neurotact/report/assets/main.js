@@ -40,6 +40,7 @@ function lookAt(target) {
 /* The parts that depend on the data set: answer, table, and the networks to compare. */
 function settle() {
   const front = study.fronts[study.chosen.setting];
+  offerCosts();
   for (const part of document.querySelectorAll(".answer")) part.hidden = part.dataset.setting !== study.chosen.setting;
   const another = front?.networks.findIndex((_, i) => i !== front.best);
   const beside = front?.cheapest === front?.best && another >= 0 ? another : front?.cheapest;  // not a network with itself
@@ -51,6 +52,17 @@ function settle() {
     byId(id).value = String(at);
   }
   if (front) byId("compared").replaceChildren(compareTable(front, Number(byId("one").value), Number(byId("other").value)));
+}
+
+/* The costs that are counted for networks of the data set; the first of them, in place of one that is not. */
+function offerCosts() {
+  const own = study.cells.filter((cell) => cell.setting === study.chosen.setting), select = byId("cost");
+  for (const option of select.options) {
+    option.disabled = !own.some((cell) => cell.whole?.[option.value] != null);
+    option.text = option.text.replace(/: not counted$/, "") + (option.disabled ? ": not counted" : "");
+  }
+  study.beginning.cost = [...select.options].find((option) => !option.disabled)?.value ?? "sops";
+  if (select.selectedOptions[0].disabled) select.value = study.chosen.cost = study.beginning.cost;
 }
 
 function filterBoxes(id, values, without) {
@@ -79,12 +91,11 @@ function begin() {
   study.chosen = Object.fromEntries(CHOICES.map((id) => [id, known(id, asked.get(id)) ? asked.get(id) : study.beginning[id]]));
   Object.assign(study.chosen, { one: asked.get("one") ?? "", other: asked.get("other") ?? "" });
   const left = new Set((asked.get("without") ?? "").split(" "));
-  study.without = { pairs: new Set(study.pairs.filter((pair) => left.has(pair))), sizes: new Set(study.sizes.map(String).filter((size) => left.has(size))) };
+  study.without = { pairs: new Set(study.pairs.filter((pair) => left.has(pair))), sizes: new Set(study.architectures.filter((size) => left.has(size))) };
   for (const id of CHOICES) byId(id).value = study.chosen[id];
   for (const id of [...CHOICES, "one", "other"]) byId(id).addEventListener("change", () => pick(id));
   filterBoxes("pairs", study.pairs, study.without.pairs);
-  filterBoxes("sizes", study.sizes, study.without.sizes);
-  if (!study.stepMs) for (const cost of ["ms", "nJ"]) byId("cost").querySelector(`[value=${cost}]`).disabled = true;
+  filterBoxes("sizes", study.architectures, study.without.sizes);
   settle();
 }
 

@@ -13,7 +13,7 @@ const COSTS = {
 function pointsOf(study) {
   const { chosen } = study;
   const front = study.fronts[chosen.setting];
-  const isShown = (point) => !study.without.pairs.has(point.pair) && !study.without.sizes.has(String(point.hidden));
+  const isShown = (point) => !study.without.pairs.has(point.pair) && !study.without.sizes.has(point.layers || String(point.hidden));
   if (chosen.points === "means") return front ? front.networks.map((n, i) => ({ ...n, at: i })).filter(isShown) : [];
   return study.cells.map((cell, index) => ({ ...cell, cell: index })).filter((cell) => cell.setting === chosen.setting && isShown(cell));
 }
