@@ -119,10 +119,9 @@ def write(
     extra = extra_tables(study, folder)
     searches = plugins.load_function("tools", "searches_of")(study, folder, done, results) if study.search else None
     beside = tables_beside(study, folder)
-    baselines, remedies = beside.get("baselines"), extra.get(robustness.REMEDIES)
-    beside |= {name: extra[name] for name in (robustness.REMEDIES, measures.RECONSTRUCTION) if name in extra}
-    if measures.INTEGERS in extra:
-        beside[measures.INTEGERS] = with_setting(extra[measures.INTEGERS], setting_columns(study))
+    baselines, told_apart = beside.get("baselines"), (robustness.REMEDIES, measures.INTEGERS)
+    beside |= {name: extra[name] for name in (measures.RECONSTRUCTION,) if name in extra}
+    beside |= {name: with_setting(extra[name], setting_columns(study)) for name in told_apart if name in extra}
     afferents, n_classes = afferents_of(folder, done), len(trains.classes) if trains else 0
     spent = front.costs_of(study, results, afferents, n_classes)
     fronts = list(front.fronts(study, folder, done, results.join(spent), trains, afferents, beside))
@@ -175,7 +174,7 @@ def write(
         means=means_table(results.join(spent), study),
         searches=searches.table if searches else None,
         conditions=[
-            *robustness.tables(study, remedies, shown.answer.rows, shown.answer.best),
+            *robustness.tables(study, front.of_setting(beside, robustness.REMEDIES, shown.setting), shown.answer.best),
             *robustness.class_table(shown.classes, shown.answer.best),
         ],
         baselines=_baselines_table(baselines, study, front.in_integers(beside, shown.setting, shown.answer.best)),

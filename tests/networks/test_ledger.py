@@ -90,7 +90,11 @@ def test_a_study_that_sweeps_recurrence_counts_each_network_as_it_is():
 @pytest.mark.parametrize("spec", [RSNNSpec(), RSNNSpec(recipe="default")])
 @pytest.mark.parametrize(
     ("key", "values"),
-    [("readout", ["count", "integrator", "max"]), ("readout_tau_ms", [5.0, 50.0]), ("threshold_adaptation", [0.0, 0.5])],
+    [
+        ("readout", ["count", "integrator", "max"]),
+        ("readout_tau_ms", [5.0, 50.0]),
+        ("threshold_adaptation", [0.0, 0.5]),
+    ],
 )
 def test_a_study_that_sweeps_what_neurons_compute_counts_each_network_as_it_is(spec, key, values):
     """A readout that spikes decays two states a step; one that adds up none; an adapting threshold takes two MACs."""

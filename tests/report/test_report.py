@@ -426,6 +426,33 @@ def test_a_baseline_is_the_mean_of_those_of_each_split():
     assert front.baselines_of(make_study(), {"baselines": uncounted}, {"dataset": "all"})[0].nJ is None
 
 
+def test_a_study_that_sweeps_its_windows_by_any_key_compares_no_baselines():
+    """Baselines have the windows of the first cell alone."""
+    made = {"dataset": "all", "classifier": "SVM", "input": "signals: counts", "t_ref_ra_ms": None, "t_ref_sa_ms": None}
+    table = pd.DataFrame([{**made, "accuracy_validation": 0.5, "accuracy_test": 0.6, "energy_estimate_nJ": 2.0}])
+    joined = {"window.length_ms & network.hidden": [[50.0, 20], [100.0, 30]]}
+    for sweep, n in (({"window.start_ms": [0.0, 100.0]}, 0), (joined, 0), ({"network.hidden": [20, 30]}, 1)):
+        what = make_study(sweep=sweep, claims=())
+        assert len(front.baselines_of(what, {"baselines": table}, {"dataset": "all"})) == n
+
+
+@pytest.mark.usefixtures("text_alone")
+def test_what_copies_gain_is_told_of_each_data_set_apart(tmp_path):
+    sweep = {"dataset": ["v1 mix", "mixed"], "network.hidden": [20], "seed": [0]}
+    what = make_study(sweep=sweep, claims=(), augmentation={"kind": "none"})
+    make_run(what, tmp_path, grating_conditions())
+    rows = pd.read_csv(tmp_path / "results.csv")[["dataset", "t_ref_ra_ms", "t_ref_sa_ms", "hidden", "seed"]]
+    told = {"augmentation": "none", "accuracy_validation": 0.9, "sops_total": 1.0, "n_train": 9, "chosen": True}
+    seen, unseen = [0.9, 0.7], [0.8, 0.4]
+    remedies = rows.assign(**told, last=True, accuracy_seen=seen, accuracy_test=unseen)
+    remedies.to_csv(tmp_path / "remedies.csv", index=False)
+    networks.write(what, tmp_path)
+    answers = read_json(tmp_path / "answer.json")["answers"]
+    said = [line for one in answers for line in one["details"] if line.startswith("At untrained conditions")]
+    assert ["80.0 %" in said[0], "40.0 %" in said[1]] == [True, True]
+    assert "60.0" not in "".join(said)
+
+
 def test_a_folder_without_results_is_refused(tmp_path):
     with pytest.raises(InputError, match=r"results\.csv.*no such file"):
         networks.write(make_study(), tmp_path)
@@ -704,6 +731,16 @@ def test_early_exit_answers_only_where_its_loss_is_bounded(tmp_path, monkeypatch
     (found,) = read_json(tmp_path / "answer.json")["answers"]
     assert found["used"] == ("early" if is_used else "whole")
     assert ("early exit" in found["headline"]) == is_used
+
+
+@pytest.mark.usefixtures("text_alone")
+def test_a_swept_tolerance_is_that_of_its_networks(tmp_path):
+    sweep = {"network.hidden": [20], "early_exit.tolerance": [0.01, 0.02]}
+    what = make_study(sweep=sweep, claims=(), dataset={"simulate": "gratings", "subsets": {"mixed": {}}})
+    networks.write(what, make_run(what, tmp_path, grating_conditions(), bounded=298))
+    answers = read_json(tmp_path / "answer.json")["answers"]
+    assert [one["used"] for one in answers] == ["whole", "early"]
+    assert [one["networks"][0]["tolerance"] for one in answers] == [0.01, 0.02]
 
 
 @pytest.mark.usefixtures("text_alone")
