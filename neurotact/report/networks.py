@@ -1,6 +1,6 @@
 """The report of trained networks: accuracy, spikes, synaptic operations, and the trade-off."""
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from itertools import chain
 from pathlib import Path
 from typing import Any, NamedTuple
@@ -31,6 +31,7 @@ from neurotact.report.tables import (
     extra_tables,
     first_spikes,
     in_words_of_split,
+    key_in_words,
     tables_beside,
     with_pair,
     with_setting,
@@ -41,7 +42,16 @@ from neurotact.studies import measures, store
 from neurotact.studies import study as studies
 from neurotact.studies.encoding_tables import read_encoding
 from neurotact.studies.store import ANSWER, is_done
-from neurotact.studies.study import SPLIT, Cell, StudySpec, cells, setting_columns, split_columns, swept_columns
+from neurotact.studies.study import (
+    SPLIT,
+    Cell,
+    StudySpec,
+    cells,
+    encoder_columns,
+    setting_columns,
+    split_columns,
+    swept_columns,
+)
 from neurotact.studies.way import HEADS
 from neurotact.tables import over_seeds, read_table, write_table
 
@@ -364,6 +374,8 @@ def _ledger(
     if not all(one.is_countable for one in known):
         say(f"report: {NOT_COUNTED}")
         return None
+    if baselines is not None:
+        baselines = baselines.assign(input=[*_inputs(baselines, study)])
     parts = []
     for model, rows in results.groupby("encoder", sort=False) if "encoder" in results else [(None, results)]:
         own = baselines
@@ -374,6 +386,14 @@ def _ledger(
         table = ledger.study_ledger(study.network, rows, own, **how)
         parts.append(table if model is None else table.assign(name=f"{model}: " + table["name"]))
     return pd.concat(parts, ignore_index=True)
+
+
+def _inputs(baselines: pd.DataFrame, study: StudySpec) -> Iterator[str]:
+    """The input of each baseline; of one on spikes with what a study sweeps of its encoder, by which its cost differs."""
+    keys = [key for key in encoder_columns(study) if key in baselines and key != "encoder"]
+    for row, pair in zip(baselines.to_dict("records"), periods.of_rows(baselines, study), strict=True):
+        own = [periods.named(pair)] if pd.notna(row["t_ref_ra_ms"]) and pair != periods.NONE else []
+        yield ", ".join([row["input"], *own, *(key_in_words(key, row[key]) for key in keys if pd.notna(row[key]))])
 
 
 def _ledger_table(costs: pd.DataFrame | None) -> Table | None:

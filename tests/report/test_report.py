@@ -165,6 +165,29 @@ def test_a_report_prices_networks_and_baselines_by_the_list_of_its_study(written
     assert all("Energies are by the price list twice." in one for one in details)
 
 
+def test_the_ledger_has_each_baseline_on_spikes_at_its_own_refractory_periods(tmp_path, text_alone):
+    pairs = [[1, 1], [10, 10]]
+    sweep = {"encoder.ra1.t_ref_ms & encoder.sa1.t_ref_ms": pairs, "encoder.tau_mem_ms": [5.0, 20.0]}
+    what = make_study(baselines="linear", claims=(), sweep={**sweep, "network.hidden": [20]})
+    make_run(what, tmp_path, grating_conditions())
+    row = {"dataset": "mixed", "classifier": "SVM", "settings": "C 1", "accuracy_validation": 0.5, "flops": 9.0,
+           "accuracy_test": 0.4, "energy_estimate_nJ": 0.46}  # fmt: skip
+    rows = [{**row, "input": "signals: x", "macs": 3.0}]
+    for n, (ms, tau_ms) in enumerate([(1, 5.0), (1, 20.0), (10, 5.0), (10, 20.0)]):
+        own = {"input": "spikes: counts", "t_ref_ra_ms": ms, "t_ref_sa_ms": ms, "encoder.tau_mem_ms": tau_ms}
+        rows += [{**row, **own, "macs": 100.0 * n}] * 2
+    pd.DataFrame(rows).to_csv(tmp_path / "baselines.csv", index=False)
+    networks.write(what, tmp_path)
+    ledger = pd.read_csv(tmp_path / "ledger.csv").set_index("name")["macs"]
+    assert ledger[ledger.index.str.startswith("SVM")].to_dict() == {
+        "SVM on signals: x": 3.0,
+        "SVM on spikes: counts, t_ref 1&1 ms, tau mem 5 ms": 0.0,
+        "SVM on spikes: counts, t_ref 1&1 ms, tau mem 20 ms": 100.0,
+        "SVM on spikes: counts, t_ref 10&10 ms, tau mem 5 ms": 200.0,
+        "SVM on spikes: counts, t_ref 10&10 ms, tau mem 20 ms": 300.0,
+    }
+
+
 def test_a_report_shows_the_first_line_of_the_bill_of_its_run(written, text_alone, tmp_path):
     folder, line = tmp_path / "run", "On an emulated Cortex-M0 the network takes 7 times the instructions."
     shutil.copytree(written.parent, folder)
