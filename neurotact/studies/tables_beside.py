@@ -86,7 +86,8 @@ def _fitted(
         recorded = int((windows.trial < len(trains)).sum())
         counts = {"is_first": is_first, "encoding": study.encoding_in == "processor", "recorded": recorded}
         of_spikes = opponents.spike_inputs(every, pair, cuts, study.baselines, **counts)
-        of_spikes = () if study.baselines == "linear" else of_spikes
+        is_of_another = cell.calibrate is not None and cell.test_every_condition and where != cell.subset
+        of_spikes = () if study.baselines == "linear" or is_of_another else of_spikes  # an encoder of other trials
         for row in opponents.rows(chain(of_signals, of_spikes), labels, cuts):
             is_of_spikes = row["t_ref_ra_ms"] is not None
             encoder = {key: value_at(cell, key) if is_of_spikes else None for key in encoder_columns(study)}

@@ -137,6 +137,22 @@ def test_baselines_stand_beside_the_networks_of_their_encoder(touches, monkeypat
         assert sorted(one.nJ or 0.0 for one in found) == sorted(energies)
 
 
+def test_baselines_on_spikes_have_the_encoder_of_their_own_data_set(touches, monkeypatch):
+    """Where conditions that are not known are tested, each data set has an encoder that knows no other trials."""
+    recordings = hdf5.load_recordings(touches)
+    speeds = recordings.conditions.assign(speed=[*[1.0, 1.0, 2.0, 2.0] * 5])
+    hdf5.save_recordings(Recordings(recordings.signals, 1000.0, "mV", speeds), touches)
+    sets = {"all": {}, "slow": {"speed": [1.0]}}
+    known = {"dataset.subsets": sets, "dataset.stratify": ["speed"], "sweep.dataset": [*sets]}
+    folder, what, found = encoded(touches, monkeypatch, baselines="readout", test_every_condition=True, **known)
+    assert found[0] != found[1]
+    beside = networks.ENGINE.beside(folder, what, list(study.cells(what)), True)
+    beside.write(dict(enumerate(map(beside.run, beside.jobs))))
+    table = read_table(folder / "baselines.csv")
+    rows = sorted(zip(table["dataset"], table["input"].str.partition(":")[0], strict=True))
+    assert rows == [(name, of) for name in ("all", "slow") for of in ("signals", "spikes")]
+
+
 @pytest.mark.parametrize(
     ("changes", "words"),
     [
