@@ -43,7 +43,6 @@ from neurotact.studies.study import (
     has_one_split,
     split_columns,
     swept_columns,
-    value_at,
 )
 from neurotact.tables import NETWORK, means_over
 
@@ -591,16 +590,16 @@ def _comparing(
         its = rows.index[(rows["pair"] == network.pair) & (rows["hidden"] == network.hidden)]
         if "baselines_trials" not in tables or max(its) >= len(done):
             return None
-        left = [(done[index], result_of(folder, done[index])) for index in its]
+        left = [(index, result_of(folder, done[index])) for index in its]
         decided = "exit_right" if network.exits else "right"
         if not baseline.rows or any(decided not in result for _, result in left):  # of an earlier version
             return None
-        spiking = [(*(value_at(cell, key) for key in splits), int(trial), share)
-                   for cell, result in left for trial, share in result[decided].items()]  # fmt: skip
-        trials = tested(tables["baselines_trials"])
+        spiking = [(row, int(trial), share) for row, result in left for trial, share in result[decided].items()]
+        own = pd.DataFrame(spiking, columns=["row", "trial", "right"]).join(rows[splits], on="row")
+        trials, by = tested(tables["baselines_trials"]), [*splits, "trial"]
+        # Both tables name a split as the files do: a text such as 01 is read as a number.
         other = trials[trials["baseline"].isin(baseline.rows)].join(tables["baselines"][splits], on="baseline")
-        by = [*splits, "trial"]
-        means = pd.DataFrame(spiking, columns=[*by, "right"]).groupby(by)["right"].mean()
+        means = own.groupby(by)["right"].mean()
         both = pd.concat([means, other.groupby(by)["right"].mean()], axis=1, join="inner", keys=["network", "baseline"])
         once = both.groupby("trial").mean()
         return paired.compare(once["network"].to_numpy(), once["baseline"].to_numpy()) if len(once) else None
