@@ -333,9 +333,10 @@ def rounded(tables: Mapping[str, pd.DataFrame]) -> dict[str, pd.DataFrame]:
 
 
 def of_setting(tables: Mapping[str, pd.DataFrame], name: str, setting: str) -> pd.DataFrame | None:
-    """The rows of a table with the column `setting` that one answer is of; None if the run has no such table."""
+    """The rows of a table with the column `setting` that one answer is of; None if the run has none."""
     table = tables.get(name)
-    return None if table is None else table[table["setting"] == setting]
+    own = None if table is None else table[table["setting"] == setting]
+    return None if own is None or own.empty else own
 
 
 def in_integers(tables: Mapping[str, pd.DataFrame], setting: str, network: Network) -> float | None:

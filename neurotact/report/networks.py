@@ -389,7 +389,7 @@ def _ledger(
 
 
 def _inputs(baselines: pd.DataFrame, study: StudySpec) -> Iterator[str]:
-    """The input of each baseline; of one on spikes with what a study sweeps of its encoder, by which its cost differs."""
+    """The input of each baseline with what a study sweeps of its encoder, by which its cost differs."""
     keys = [key for key in encoder_columns(study) if key in baselines and key != "encoder"]
     for row, pair in zip(baselines.to_dict("records"), periods.of_rows(baselines, study), strict=True):
         own = [periods.named(pair)] if pd.notna(row["t_ref_ra_ms"]) and pair != periods.NONE else []
