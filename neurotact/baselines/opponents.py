@@ -246,21 +246,25 @@ def spike_inputs(
     n_bins = min(BINS, n_steps)
     counts = trains.binned(cuts.windows, bin_edges(n_steps, n_bins))
     spikes = float(counts[:recorded].sum()) / len(counts[:recorded])
-    made = Cost(acs=spikes, **changed(spikes), **passed(0, n_bins * n_afferents))
-    if is_counted:
-        how = {"recorded_Hz": trains.recorded_Hz, "spikes": spikes}
-        made += encoding_cost(n_taxels, n_steps, cuts.length_ms, trains.encoder, **how)
+    how = {"recorded_Hz": trains.recorded_Hz, "spikes": spikes}
+    encoded = encoding_cost(n_taxels, n_steps, cuts.length_ms, trains.encoder, **how) if is_counted else Cost()
+
+    def made(n: int) -> Cost:
+        """The cost of counts in so many bins."""
+        counted = Cost(acs=spikes, signal_ms=cuts.length_ms, **changed(spikes), **passed(0, n * n_afferents))
+        return counted + encoded
+
     of_features = joined("features", opponents if is_first else "linear", cuts.tells)
-    yield Input(source, "counts", pair, counts.sum(axis=1).astype(float), made, of_features)
+    yield Input(source, "counts", pair, counts.sum(axis=1).astype(float), made(1), of_features)
     if opponents == "readout":
         return
     flat = counts.reshape(n_windows, -1).astype(float)
-    yield Input(source, number_of(n_bins, "time bin"), pair, flat, made, of_features)
+    yield Input(source, number_of(n_bins, "time bin"), pair, flat, made(n_bins), of_features)
     if opponents == "linear" or source != EVENTS or not is_first:
         return
     for words, n_sequence, of_sequences in _sequences_of("steps", cuts, n_steps, opponents):
         sequences = trains.binned(cuts.windows, bin_edges(n_steps, n_sequence)).astype(np.float32)
-        yield Input(source, words, pair, sequences, made + cost(signal_ms=cuts.length_ms), of_sequences)
+        yield Input(source, words, pair, sequences, made(n_sequence), of_sequences)
 
 
 def rows(inputs: Iterable[Input], labels: np.ndarray, cuts: Cuts) -> Iterator[dict[str, Any]]:

@@ -38,14 +38,13 @@ from neurotact.studies.cell import task_of
 from neurotact.studies.measures import INTEGERS
 from neurotact.studies.store import cell_folder, result_of
 from neurotact.studies.study import (
-    LENGTH,
     Cell,
     StudySpec,
     by_split,
     encoder_columns,
     has_one_split,
     split_columns,
-    value_at,
+    swept_columns,
 )
 from neurotact.tables import LAYERS, columns_of_network, means_over
 
@@ -291,11 +290,11 @@ def _as_json(decision: Decision | None) -> dict[str, Any] | None:
 
 
 def baselines_of(study: StudySpec, tables: Mapping[str, pd.DataFrame], result: Mapping[str, Any]) -> list[Baseline]:
-    """The baselines on the windows of one data set; none if a study sweeps its windows, since baselines do not.
+    """The baselines on the windows of one data set; none if a study sweeps its windows: theirs are the first cell's.
 
     result: a row of `results.csv` with the data set and the encoder of their spikes.
     """
-    if LENGTH in study.sweep:
+    if any(key.startswith("window.") for key in swept_columns(study)):
         return []
     baselines, dataset = [], str(result["dataset"])
     if "baselines" in tables:
@@ -337,12 +336,19 @@ def rounded(tables: Mapping[str, pd.DataFrame]) -> dict[str, pd.DataFrame]:
     return {**tables, "baselines": baselines.assign(**narrow), "baselines_trials": own}
 
 
+def of_setting(tables: Mapping[str, pd.DataFrame], name: str, setting: str) -> pd.DataFrame | None:
+    """The rows of a table with the column `setting` that one answer is of; None if the run has none."""
+    table = tables.get(name)
+    own = None if table is None else table[table["setting"] == setting]
+    return None if own is None or own.empty else own
+
+
 def in_integers(tables: Mapping[str, pd.DataFrame], setting: str, network: Network) -> float | None:
     """The test accuracy of a network in 8-bit integers; None if it is not measured, or has no integer form."""
-    table = tables.get(INTEGERS)
+    table = of_setting(tables, INTEGERS, setting)
     if table is None or f"accuracy_test{opponents.ROUNDED}" not in table:
         return None
-    own = robustness.of_network(table[table["setting"] == setting], network)
+    own = robustness.of_network(table, network)
     return _known(own[f"accuracy_test{opponents.ROUNDED}"].mean())
 
 
@@ -379,11 +385,11 @@ def fronts(
 
     results: a run's `results.csv` with the columns `pair` and `setting` and those of `costs_of`, a row per done cell.
     afferents: of each of these cells.
-    tables: `baselines`, `baselines_trials` and `integers`, if they exist.
+    tables: `baselines`, `baselines_trials` and, with the column `setting`, `integers` and `remedies`, if they exist.
     """
     narrow_tables = rounded(tables)
     for setting, rows in results.groupby("setting", sort=False):
-        first_of_splits = [group[0] for group in by_split(c for c in done if c.dataset == rows["dataset"].iloc[0])]
+        first_of_splits = [group[0] for group in by_split(done[index] for index in rows.index if index < len(done))]
         if not first_of_splits:
             continue
         confusions = [result_of(folder, cell)["confusion"] for cell in first_of_splits]
@@ -393,7 +399,7 @@ def fronts(
         unranked = untold(first_of_splits, trains)
         networks = networks_of(rows, split_columns(study))
         if not unranked:  # else validation trials have not the condition of the test, and bound no loss there
-            tolerance = study.early_exit.tolerance
+            tolerance = first_of_splits[0].early_exit.tolerance
             networks = [with_exit_bound(one, folder, cells_of(done, rows, one), tolerance) for one in networks]
         baselines = baselines_of(study, tables, rows.iloc[0].to_dict())
         compare = _comparing(study, folder, done, rows, tables)
@@ -412,7 +418,7 @@ def fronts(
         classes = robustness.by_class(folder, cells_of(done, rows, answer.best), trains)
         words = [
             sentences.of_starts(answer),
-            *robustness.sentence(tables.get(robustness.REMEDIES), answer.best),
+            *robustness.sentence(of_setting(tables, robustness.REMEDIES, str(setting)), answer.best),
             *robustness.hardest(classes),
             *sentences.details(answer),
             *_of_encoding(answer, made_by, study),
@@ -460,7 +466,7 @@ class _OfRun(NamedTuple):
     ) -> tuple[str, tuple[str, Sequence[str]]]:
         """The sentence, and what to do next, in words and commands; cells: one per split."""
         compared = period_choice.Comparison(self.rows, self._right, split_columns(self.study), self._sizes(cells[0]))
-        choice = period_choice.choose(answer, compared, untold, self.study.early_exit.tolerance)
+        choice = period_choice.choose(answer, compared, untold, cells[0].early_exit.tolerance)
         if choice is None:
             return "", ("", ())
         chosen = self.done[representative(self.rows, choice.network)]
@@ -601,16 +607,16 @@ def _comparing(
         its = robustness.of_network(rows, network).index
         if "baselines_trials" not in tables or max(its) >= len(done):
             return None
-        left = [(done[index], result_of(folder, done[index])) for index in its]
+        left = [(index, result_of(folder, done[index])) for index in its]
         decided = "exit_right" if network.exits else "right"
         if not baseline.rows or any(decided not in result for _, result in left):  # of an earlier version
             return None
-        spiking = [(*(value_at(cell, key) for key in splits), int(trial), share)
-                   for cell, result in left for trial, share in result[decided].items()]  # fmt: skip
-        trials = tested(tables["baselines_trials"])
+        spiking = [(row, int(trial), share) for row, result in left for trial, share in result[decided].items()]
+        own = pd.DataFrame(spiking, columns=["row", "trial", "right"]).join(rows[splits], on="row")
+        trials, by = tested(tables["baselines_trials"]), [*splits, "trial"]
+        # Both tables name a split as the files do: a text such as 01 is read as a number.
         other = trials[trials["baseline"].isin(baseline.rows)].join(tables["baselines"][splits], on="baseline")
-        by = [*splits, "trial"]
-        means = pd.DataFrame(spiking, columns=[*by, "right"]).groupby(by)["right"].mean()
+        means = own.groupby(by)["right"].mean()
         both = pd.concat([means, other.groupby(by)["right"].mean()], axis=1, join="inner", keys=["network", "baseline"])
         once = both.groupby("trial").mean()
         return paired.compare(once["network"].to_numpy(), once["baseline"].to_numpy()) if len(once) else None

@@ -1,6 +1,6 @@
 """The report of trained networks: accuracy, spikes, synaptic operations, and the trade-off."""
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from itertools import chain
 from pathlib import Path
 from typing import Any, NamedTuple
@@ -32,6 +32,7 @@ from neurotact.report.tables import (
     extra_tables,
     first_spikes,
     in_words_of_split,
+    key_in_words,
     tables_beside,
     with_pair,
     with_setting,
@@ -42,7 +43,16 @@ from neurotact.studies import measures, store
 from neurotact.studies import study as studies
 from neurotact.studies.encoding_tables import read_encoding
 from neurotact.studies.store import ANSWER, is_done
-from neurotact.studies.study import SPLIT, Cell, StudySpec, cells, setting_columns, split_columns, swept_columns
+from neurotact.studies.study import (
+    SPLIT,
+    Cell,
+    StudySpec,
+    cells,
+    encoder_columns,
+    setting_columns,
+    split_columns,
+    swept_columns,
+)
 from neurotact.studies.way import HEADS
 from neurotact.tables import over_seeds, read_table, size_of, write_table
 
@@ -120,10 +130,9 @@ def write(
     extra = extra_tables(study, folder)
     searches = plugins.load_function("tools", "searches_of")(study, folder, done, results) if study.search else None
     beside = tables_beside(study, folder)
-    baselines, remedies = beside.get("baselines"), extra.get(robustness.REMEDIES)
-    beside |= {name: extra[name] for name in (robustness.REMEDIES, measures.RECONSTRUCTION) if name in extra}
-    if measures.INTEGERS in extra:
-        beside[measures.INTEGERS] = with_setting(extra[measures.INTEGERS], setting_columns(study))
+    baselines, told_apart = beside.get("baselines"), (robustness.REMEDIES, measures.INTEGERS)
+    beside |= {name: extra[name] for name in (measures.RECONSTRUCTION,) if name in extra}
+    beside |= {name: with_setting(extra[name], setting_columns(study)) for name in told_apart if name in extra}
     afferents, n_classes = afferents_of(folder, done), len(trains.classes) if trains else 0
     spent = front.costs_of(study, results, afferents, n_classes)
     fronts = list(front.fronts(study, folder, done, results.join(spent), trains, afferents, beside))
@@ -177,7 +186,7 @@ def write(
         means=means_table(results.join(spent), study),
         searches=searches.table if searches else None,
         conditions=[
-            *robustness.tables(study, remedies, shown.answer.rows, shown.answer.best),
+            *robustness.tables(study, front.of_setting(beside, robustness.REMEDIES, shown.setting), shown.answer.best),
             *robustness.class_table(shown.classes, shown.answer.best),
         ],
         baselines=_baselines_table(baselines, study, front.in_integers(beside, shown.setting, shown.answer.best)),
@@ -367,6 +376,8 @@ def _ledger(
     if not all(one.is_countable for one in known):
         say(f"report: {NOT_COUNTED}")
         return None
+    if baselines is not None:
+        baselines = baselines.assign(input=[*_inputs(baselines, study)])
     parts = []
     for model, rows in results.groupby("encoder", sort=False) if "encoder" in results else [(None, results)]:
         own = baselines
@@ -377,6 +388,14 @@ def _ledger(
         table = ledger.study_ledger(study.network, rows, own, **how)
         parts.append(table if model is None else table.assign(name=f"{model}: " + table["name"]))
     return pd.concat(parts, ignore_index=True)
+
+
+def _inputs(baselines: pd.DataFrame, study: StudySpec) -> Iterator[str]:
+    """The input of each baseline with what a study sweeps of its encoder, by which its cost differs."""
+    keys = [key for key in encoder_columns(study) if key in baselines and key != "encoder"]
+    for row, pair in zip(baselines.to_dict("records"), periods.of_rows(baselines, study), strict=True):
+        own = [periods.named(pair)] if pd.notna(row["t_ref_ra_ms"]) and pair != periods.NONE else []
+        yield ", ".join([row["input"], *own, *(key_in_words(key, row[key]) for key in keys if pd.notna(row[key]))])
 
 
 def _ledger_table(costs: pd.DataFrame | None) -> Table | None:

@@ -34,7 +34,7 @@ def of_network(table: pd.DataFrame, network: Network) -> pd.DataFrame:
 def sentence(table: pd.DataFrame | None, network: Network) -> list[str]:
     """What is lost at untrained conditions, and what the copies gain, in one sentence; none if copies were not used.
 
-    table: `remedies.csv` with the column `pair`.
+    table: `remedies.csv` of one setting with the column `pair`.
     """
     if table is None:
         return []
@@ -166,8 +166,8 @@ def _with_trials(cells: pd.DataFrame, key: tuple[str, str]) -> str:
     return f"{100 * cells.loc[key, 'right']:.1f} ({cells.loc[key, 'trials']:.0f})"
 
 
-def tables(study: StudySpec, table: pd.DataFrame | None, networks: Sequence[Network], best: Network) -> list[Table]:
-    """The best network at each condition, and all networks with each kind of varied copies."""
+def tables(study: StudySpec, table: pd.DataFrame | None, best: Network) -> list[Table]:
+    """The best network at each condition, and all networks with each kind of varied copies; table: of one setting."""
     if table is None:
         return []
     own = of_network(table, best)

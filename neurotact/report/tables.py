@@ -56,7 +56,7 @@ def with_setting(results: pd.DataFrame, swept: list[str]) -> pd.DataFrame:
     """
     swept = [key for key in swept if key in results and not key.startswith(SPLIT)]  # splits are averaged
     words = [
-        ", ".join([str(row["dataset"]), *(f"{_in_words(key)} {in_unit(key, row[key])}" for key in swept)])
+        ", ".join([str(row["dataset"]), *(key_in_words(key, row[key]) for key in swept)])
         for _, row in results.iterrows()
     ]
     return results.assign(setting=words)
@@ -74,11 +74,12 @@ def in_words_of_split(key: str) -> str:
     return "split seed" if name == "seed" else quantity(name)[0]
 
 
-def _in_words(key: str) -> str:
-    """A swept key in words, without the tables that all such keys share."""
+def key_in_words(key: str, value: Any) -> str:
+    """A swept key and its value, without the tables that all such keys share."""
+    name = key
     for table in ("network.training.", "network.", "encoder.", "dataset.parameters."):
-        key = key.removeprefix(table)
-    return quantity(key)[0].replace(".", " ")
+        name = name.removeprefix(table)
+    return f"{quantity(name)[0].replace('.', ' ')} {in_unit(key, value)}"
 
 
 def in_the_paper(study: StudySpec, figure: str) -> str:

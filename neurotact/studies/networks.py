@@ -37,15 +37,17 @@ def _fit(job: tuple[Any, ...]) -> tuple[float, Rows]:
 
 
 def _beside(folder: Path, what: StudySpec, of: list[Cell], at_once: bool) -> Beside | None:
-    """The classical classifiers on the windows of the networks: jobs for each split and encoder.
+    """The classical classifiers on the windows of the networks: jobs for each split, encoder and kind of varied copies.
 
-    The first of each split, on signals, too, take longest and begin first.
+    The first of each split and kind, on signals, too, take longest and begin first.
     """
     if what.baselines == "none" or not store.flaws(folder, store.BASELINES):
         return None
     groups = [list({cell.spikes_name: cell for cell in group}.values()) for group in by_split(of)]
     cells = [of[0], *{cell.dataset: cell for cell in of}.values()]
-    jobs = [(folder, what, cell, cells, cell is group[0]) for group in groups for cell in group]
+    first = [{str(cell.augmentation): cell for cell in reversed(group)} for group in groups]
+    both = zip(groups, first, strict=True)
+    jobs = [(folder, what, cell, cells, cell is own[str(cell.augmentation)]) for group, own in both for cell in group]
     order = sorted(range(len(jobs)), key=lambda number: not jobs[number][-1])
 
     def write(made: Mapping[int, tuple[float, Rows]]) -> None:

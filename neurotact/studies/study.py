@@ -44,6 +44,8 @@ SOURCE = "dataset.parameters."
 """Prefix of swept keys of the simulation; a cell stores them in its `source`."""
 NETWORKS = "networks"
 """The way of a study that names none."""
+COPIES = "augmentation."
+"""Prefix of swept keys of varied copies, which baselines have, too."""
 SPLIT = "split."
 """Prefix of swept keys of the split, such as `split.fold`."""
 
@@ -575,8 +577,9 @@ def setting_columns(study: StudySpec) -> list[str]:
 
 
 def encoder_columns(study: StudySpec) -> list[str]:
-    """Of `setting_columns`, those that decide the spikes, such as `encoder.tau_mem_ms`."""
-    return [key for key in setting_columns(study) if key in OF_SPIKES or key.startswith(calibration_keys.ENCODER)]
+    """Of `setting_columns`, those that decide the spikes, such as `encoder.tau_mem_ms`, and their varied copies."""
+    begins = calibration_keys.ENCODER, COPIES
+    return [key for key in setting_columns(study) if key in OF_SPIKES or key.startswith(begins)]
 
 
 def has_one_split(study: StudySpec) -> bool:
@@ -598,6 +601,8 @@ def value_at(cell: Cell, dotted: str) -> Any:
         return encoders.t_ref_pair_ms(cell.encoder)[0]
     if dotted == "encoder":
         return cell.encoder.model
+    if dotted.startswith(COPIES) and cell.augmentation is None:
+        return NONE if dotted == f"{COPIES}kind" else None
     value: Any = cell
     for name in _in_cell(dotted).split("."):
         own = getattr(value, "own", None)  # the keys of a network that is a part, before those of every network

@@ -32,6 +32,9 @@ def check(sweep: Mapping[str, list[Any]]) -> None:
         axis, table = tables[0]
         key = next(iter(table), "key")
         raise ValueError(f"sweep of '{axis}' has a table, by which cells have no name; sweep '{axis}.{key}' instead")
+    each = [(axis, value if JOIN in axis else [value]) for axis, values in sweep.items() for value in values]
+    if absent := [axis for axis, values in each if None in values]:
+        raise ValueError(f"sweep of '{absent[0]}' has None, which the file of a study cannot hold; leave it out")
     if math.prod(map(len, sweep.values())) > MOST_POINTS:
         raise ValueError(f"the sweep has more than {MOST_POINTS:,} points; drop values or axes")
     if not all(isinstance(seed, int) and seed >= 0 for seed in sweep.get("seed", [])):

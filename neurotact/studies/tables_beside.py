@@ -27,7 +27,7 @@ from neurotact.metrics import paired
 from neurotact.networks.training import model_selection, tasks
 from neurotact.studies import measures, store
 from neurotact.studies.cell import task_of
-from neurotact.studies.study import Cell, StudySpec, encoder_columns, reach_ms, split_columns, value_at
+from neurotact.studies.study import COPIES, Cell, StudySpec, encoder_columns, reach_ms, split_columns, value_at
 from neurotact.tables import write_table
 
 
@@ -86,10 +86,12 @@ def _fitted(
         recorded = int((windows.trial < len(trains)).sum())
         counts = {"is_first": is_first, "encoding": study.encoding_in == "processor", "recorded": recorded}
         of_spikes = opponents.spike_inputs(every, pair, cuts, study.baselines, **counts)
-        of_spikes = () if study.baselines == "linear" else of_spikes
+        is_of_another = cell.calibrate is not None and cell.test_every_condition and where != cell.subset
+        of_spikes = () if study.baselines == "linear" or is_of_another else of_spikes  # an encoder of other trials
         for row in opponents.rows(chain(of_signals, of_spikes), labels, cuts):
-            is_of_spikes = row["t_ref_ra_ms"] is not None
-            encoder = {key: value_at(cell, key) if is_of_spikes else None for key in encoder_columns(study)}
+            of_it = "" if row["t_ref_ra_ms"] is not None else COPIES  # signals have copies, and no encoder
+            keys = encoder_columns(study)
+            encoder = {key: value_at(cell, key) if key.startswith(of_it) else None for key in keys}
             own = row[opponents.RIGHT].items()
             touches = {side: paired.by_trial(first[[*shares]], [*shares.values()]) for side, shares in own}
             wrong = row.pop(opponents.ERRORS, ())

@@ -43,11 +43,16 @@ def test_spikes_are_counted_over_the_window_and_in_its_tenths():
     assert whole.pair == (1.0, 5.0)
     # Each spike is one addition on top of the encoding: 4 spikes in 40 windows.
     assert whole.made.acs - encoding_cost(1, 20, 20.0, {}).acs == pytest.approx(0.1)
-    in_sensor = next(opponents.spike_inputs(trains, (1.0, 5.0), cuts(trains.trial_steps), encoding=False))
-    counted = Cost(acs=0.1, states_accesses=0.2, buffers_accesses=10 * 2, buffers_bytes=4 * 10 * 2)
-    assert in_sensor.made == counted
+    in_sensor = opponents.spike_inputs(trains, (1.0, 5.0), cuts(trains.trial_steps), encoding=False)
+    counted = [
+        Cost(acs=0.1, signal_ms=20, states_accesses=0.2, buffers_accesses=n * 2, buffers_bytes=4 * n * 2)
+        for n in (1, 10)
+    ]
+    assert [one.made for one in in_sensor] == counted
     events = from_rasters(rasters, 1000.0, ("SA-I a", "RA-I a"), CONDITIONS)
-    assert next(opponents.spike_inputs(events, (1.0, 5.0), cuts(trains.trial_steps))).made == counted
+    of_events = list(opponents.spike_inputs(events, (1.0, 5.0), cuts(trains.trial_steps)))
+    assert [one.made for one in of_events[:2]] == counted
+    assert {one.made.signal_ms for one in of_events} == {20}
 
 
 def test_signals_are_cut_on_the_encoders_clock():

@@ -87,6 +87,36 @@ def test_a_study_that_sweeps_recurrence_counts_each_network_as_it_is():
     assert of_networks["parameters"].diff().iloc[1] == -20 * 20
 
 
+@pytest.mark.parametrize("spec", [RSNNSpec(), RSNNSpec(recipe="default")])
+@pytest.mark.parametrize(
+    ("key", "values"),
+    [
+        ("readout", ["count", "integrator", "max"]),
+        ("readout_tau_ms", [5.0, 50.0]),
+        ("threshold_adaptation", [0.0, 0.5]),
+    ],
+)
+def test_a_study_that_sweeps_what_neurons_compute_counts_each_network_as_it_is(spec, key, values):
+    """A readout that spikes decays two states a step; one that adds up none; an adapting threshold takes two MACs."""
+    own = {"readout": "integrator"} if key == "readout_tau_ms" else {}
+    spec = spec.model_copy(update=own)
+    row = {"pair": "1&1", "hidden": 20, "seed": 0, "window_steps": 300, "sops_input": 1.0, "sops_readout": 1.0}
+    rows = [
+        {**row, "setting": f"all, {value}", "sops_recurrent": 1.0, f"network.{key}": value, "steps_per_bin": 1}
+        for value in values
+    ]
+    made_by = [Afferents(16, SMOOTHED, 2000.0)] * len(rows)
+    table = ledger.study_ledger(spec, pd.DataFrame(rows), None, afferents=made_by, n_classes=8)
+    of_networks = table[table["name"].str.startswith("spiking")]["macs"].tolist()
+    each = [spec.model_copy(update={key: value}) for value in values]
+    plain = {name: value for name, value in rows[0].items() if name != f"network.{key}"}
+    assert of_networks == [ledger.row_cost(one, plain, made_by[0], n_classes=8).macs for one in each]
+    if key == "readout":
+        assert [macs - of_networks[1] for macs in of_networks] == [2 * 8 * 300, 0, 8 * 300]
+    if key == "threshold_adaptation":
+        assert of_networks[1] - of_networks[0] == 2 * 20 * 300
+
+
 @pytest.mark.parametrize(("steps", "sops", "recurrent"), [(300, 5.0, 20 * 20), (300, 0.0, 0), (1000, 0.0, 0)])
 def test_a_study_by_a_recipe_counts_what_the_recipe_and_training_chose(steps, sops, recurrent):
     row = {"pair": "1&1", "hidden": 20, "seed": 0, "window_steps": steps, "setting": "all"}

@@ -221,7 +221,8 @@ def test_what_is_clearly_worse(n, right):
     assert all(accuracies[name] < best for name in out)
     assert set(out) == set(model_selection.clearly_worse(dict(reversed(accuracies.items())), n))
     for name, one in accuracies.items():
-        if (best - one) * n / (n + 2) > model_selection.CLEAR * (0.5 / (n + 2)) ** 0.5:  # no share varies more than a half
+        least = model_selection.CLEAR * (0.5 / (n + 2)) ** 0.5  # no share varies more than a half
+        if (best - one) * n / (n + 2) > least:
             assert name in out
         if (best - one) * n < 2.5:  # two trials are never clear
             assert name not in out

@@ -2,6 +2,7 @@
 
 import re
 from collections.abc import Callable, Iterator
+from io import StringIO
 from random import Random
 from types import SimpleNamespace
 
@@ -268,6 +269,22 @@ def test_trials_are_those_of_the_decision_that_is_used(monkeypatch, exits):
     compare = front._comparing(SimpleNamespace(sweep={}), None, [None], rows, baselines)
     found = compare(network, Baseline("SVM on signals", 0.9, 0.0, 1.0, (0,)))
     assert found.difference == pytest.approx((1 if exits else 2) / 3)
+
+
+def test_trials_are_paired_in_splits_whose_names_are_texts_of_digits(monkeypatch):
+    """What a file says of the person 01 is read as 1."""
+    key, names = "split.test_where.person", ["01", "02"]
+    cells = [SimpleNamespace(split=SimpleNamespace(test_where=SimpleNamespace(person=name))) for name in names]
+    results = {"01": {"3": 1.0, "4": 1.0}, "02": {"5": 1.0, "6": 0.0}}
+    monkeypatch.setattr(front, "result_of", lambda _, cell: {"right": results[cell.split.test_where.person]})
+    read = pd.read_csv(StringIO("\n".join([key, *names])))
+    rows = pd.DataFrame({"pair": "1&1", "hidden": 20, key: read[key]})
+    trials = pd.DataFrame({"baseline": [0, 0, 1, 1], "trial": [3, 4, 5, 6], "right": [0.0, 0.0, 0.0, 0.0]})
+    tables = {"baselines": read, "baselines_trials": trials}
+    compare = front._comparing(SimpleNamespace(sweep={key: names}), None, cells, rows, tables)
+    network = Network("1&1", 20, 2, 0.9, Decision(0.75, 900.0, 500.0, 80.0, None), None)
+    found = compare(network, Baseline("SVM on signals", 0.9, 0.0, 1.0, (0, 1)))
+    assert (found.n, found.difference) == (4, 0.75)
 
 
 @given(st.integers(0, 200), st.integers(1, 8))

@@ -165,6 +165,29 @@ def test_a_report_prices_networks_and_baselines_by_the_list_of_its_study(written
     assert all("Energies are by the price list twice." in one for one in details)
 
 
+def test_the_ledger_has_each_baseline_on_spikes_at_its_own_refractory_periods(tmp_path, text_alone):
+    pairs = [[1, 1], [10, 10]]
+    sweep = {"encoder.ra1.t_ref_ms & encoder.sa1.t_ref_ms": pairs, "encoder.tau_mem_ms": [5.0, 20.0]}
+    what = make_study(baselines="linear", claims=(), sweep={**sweep, "network.hidden": [20]})
+    make_run(what, tmp_path, grating_conditions())
+    row = {"dataset": "mixed", "classifier": "SVM", "settings": "C 1", "accuracy_validation": 0.5, "flops": 9.0,
+           "accuracy_test": 0.4, "energy_estimate_nJ": 0.46}  # fmt: skip
+    rows = [{**row, "input": "signals: x", "macs": 3.0}]
+    for n, (ms, tau_ms) in enumerate([(1, 5.0), (1, 20.0), (10, 5.0), (10, 20.0)]):
+        own = {"input": "spikes: counts", "t_ref_ra_ms": ms, "t_ref_sa_ms": ms, "encoder.tau_mem_ms": tau_ms}
+        rows += [{**row, **own, "macs": 100.0 * n}] * 2
+    pd.DataFrame(rows).to_csv(tmp_path / "baselines.csv", index=False)
+    networks.write(what, tmp_path)
+    ledger = pd.read_csv(tmp_path / "ledger.csv").set_index("name")["macs"]
+    assert ledger[ledger.index.str.startswith("SVM")].to_dict() == {
+        "SVM on signals: x": 3.0,
+        "SVM on spikes: counts, t_ref 1&1 ms, tau mem 5 ms": 0.0,
+        "SVM on spikes: counts, t_ref 1&1 ms, tau mem 20 ms": 100.0,
+        "SVM on spikes: counts, t_ref 10&10 ms, tau mem 5 ms": 200.0,
+        "SVM on spikes: counts, t_ref 10&10 ms, tau mem 20 ms": 300.0,
+    }
+
+
 def test_a_report_shows_the_first_line_of_the_bill_of_its_run(written, text_alone, tmp_path):
     folder, line = tmp_path / "run", "On an emulated Cortex-M0 the network takes 7 times the instructions."
     shutil.copytree(written.parent, folder)
@@ -424,6 +447,33 @@ def test_a_baseline_is_the_mean_of_those_of_each_split():
     assert found == front.Baseline("SVM on signals (counts)", 0.6, pytest.approx(0.7), 2.0, rows=(0, 1))
     uncounted = table.assign(energy_estimate_nJ=float("nan"))
     assert front.baselines_of(make_study(), {"baselines": uncounted}, {"dataset": "all"})[0].nJ is None
+
+
+def test_a_study_that_sweeps_its_windows_by_any_key_compares_no_baselines():
+    """Baselines have the windows of the first cell alone."""
+    made = {"dataset": "all", "classifier": "SVM", "input": "signals: counts", "t_ref_ra_ms": None, "t_ref_sa_ms": None}
+    table = pd.DataFrame([{**made, "accuracy_validation": 0.5, "accuracy_test": 0.6, "energy_estimate_nJ": 2.0}])
+    joined = {"window.length_ms & network.hidden": [[50.0, 20], [100.0, 30]]}
+    for sweep, n in (({"window.start_ms": [0.0, 100.0]}, 0), (joined, 0), ({"network.hidden": [20, 30]}, 1)):
+        what = make_study(sweep=sweep, claims=())
+        assert len(front.baselines_of(what, {"baselines": table}, {"dataset": "all"})) == n
+
+
+@pytest.mark.usefixtures("text_alone")
+def test_what_copies_gain_is_told_of_each_data_set_apart(tmp_path):
+    sweep = {"dataset": ["v1 mix", "mixed"], "network.hidden": [20], "seed": [0]}
+    what = make_study(sweep=sweep, claims=(), augmentation={"kind": "none"})
+    make_run(what, tmp_path, grating_conditions())
+    rows = pd.read_csv(tmp_path / "results.csv")[["dataset", "t_ref_ra_ms", "t_ref_sa_ms", "hidden", "seed"]]
+    told = {"augmentation": "none", "accuracy_validation": 0.9, "sops_total": 1.0, "n_train": 9, "chosen": True}
+    seen, unseen = [0.9, 0.7], [0.8, 0.4]
+    remedies = rows.assign(**told, last=True, accuracy_seen=seen, accuracy_test=unseen)
+    remedies.to_csv(tmp_path / "remedies.csv", index=False)
+    networks.write(what, tmp_path)
+    answers = read_json(tmp_path / "answer.json")["answers"]
+    said = [line for one in answers for line in one["details"] if line.startswith("At untrained conditions")]
+    assert ["80.0 %" in said[0], "40.0 %" in said[1]] == [True, True]
+    assert "60.0" not in "".join(said)
 
 
 def test_a_folder_without_results_is_refused(tmp_path):
@@ -718,6 +768,16 @@ def test_advice_on_a_loss_in_encoding_is_of_the_encoder_of_the_study(tmp_path, m
     assert len(said) == 2
     assert "encoder.tau_mem_ms" in said[0]
     assert "sa1-ra1-lif-graded" in said[1]  # and no comparison of polarities, of which it has both
+
+
+@pytest.mark.usefixtures("text_alone")
+def test_a_swept_tolerance_is_that_of_its_networks(tmp_path):
+    sweep = {"network.hidden": [20], "early_exit.tolerance": [0.01, 0.02]}
+    what = make_study(sweep=sweep, claims=(), dataset={"simulate": "gratings", "subsets": {"mixed": {}}})
+    networks.write(what, make_run(what, tmp_path, grating_conditions(), bounded=298))
+    answers = read_json(tmp_path / "answer.json")["answers"]
+    assert [one["used"] for one in answers] == ["whole", "early"]
+    assert [one["networks"][0]["tolerance"] for one in answers] == [0.01, 0.02]
 
 
 @pytest.mark.usefixtures("text_alone")

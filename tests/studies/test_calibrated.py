@@ -124,9 +124,7 @@ def test_pairs_of_refractory_periods_share_one_fit(touches, monkeypatch):
 def test_baselines_stand_beside_the_networks_of_their_encoder(touches, monkeypatch):
     swept = {"sweep.encoder.tau_mem_ms": [5.0, 20.0]}
     folder, what, _ = encoded(touches, monkeypatch, **swept)
-    beside = networks.ENGINE.beside(folder, what, list(study.cells(what)), True)
-    beside.write(dict(enumerate(map(beside.run, beside.jobs))))
-    table = read_table(folder / "baselines.csv")
+    table = baselines_beside(folder, what)
     of_spikes = table["input"].str.startswith("spikes")
     assert set(table.loc[of_spikes, "encoder.tau_mem_ms"]) == {5.0, 20.0}
     assert table.loc[~of_spikes, "encoder.tau_mem_ms"].isna().all()
@@ -135,6 +133,45 @@ def test_baselines_stand_beside_the_networks_of_their_encoder(touches, monkeypat
         found = front.baselines_of(what, {"baselines": table}, {"dataset": "all", "encoder.tau_mem_ms": tau_ms})
         energies = mine.set_index(["classifier", "input"])["energy_estimate_nJ"]
         assert sorted(one.nJ or 0.0 for one in found) == sorted(energies)
+
+
+@pytest.fixture
+def at_speeds(touches):
+    """The touches, each second pair of them at another speed."""
+    recordings = hdf5.load_recordings(touches)
+    speeds = recordings.conditions.assign(speed=[*[1.0, 1.0, 2.0, 2.0] * 5])
+    hdf5.save_recordings(Recordings(recordings.signals, 1000.0, "mV", speeds), touches)
+    return touches
+
+
+def baselines_beside(folder, what):
+    beside = networks.ENGINE.beside(folder, what, list(study.cells(what)), True)
+    beside.write(dict(enumerate(map(beside.run, beside.jobs))))
+    return read_table(folder / "baselines.csv")
+
+
+def test_baselines_on_spikes_have_the_encoder_of_their_own_data_set(at_speeds, monkeypatch):
+    """Where conditions that are not known are tested, each data set has an encoder that knows no other trials."""
+    sets = {"all": {}, "slow": {"speed": [1.0]}}
+    known = {"dataset.subsets": sets, "dataset.stratify": ["speed"], "sweep.dataset": [*sets]}
+    folder, what, found = encoded(at_speeds, monkeypatch, baselines="readout", test_every_condition=True, **known)
+    assert found[0] != found[1]
+    table = baselines_beside(folder, what)
+    rows = sorted(zip(table["dataset"], table["input"].str.partition(":")[0], strict=True))
+    assert rows == [(name, of) for name in ("all", "slow") for of in ("signals", "spikes")]
+
+
+def test_baselines_learn_from_the_varied_copies_of_their_own_networks(at_speeds, monkeypatch):
+    given = {"baselines": "readout", "split.test_where": {"speed": 2.0}, "choose_grades": False}
+    kinds = {"sweep.augmentation.kind": ["none", "time"]}
+    folder, what, _ = encoded(at_speeds, monkeypatch, **given, **kinds)
+    assert [study.value_at(cell, "augmentation.kind") for cell in study.cells(what)] == ["none", "time"]
+    table = baselines_beside(folder, what)
+    assert table["augmentation.kind"].tolist() == ["none", "none", "time", "time"]
+    assert (table["n_train"].diff().iloc[1:] > 0).tolist() == [False, True, False]
+    for kind, rows in table.groupby("augmentation.kind"):
+        found = front.baselines_of(what, {"baselines": table}, {"dataset": "all", "augmentation.kind": kind})
+        assert [one.rows for one in found] == [(index,) for index in rows.index]
 
 
 @pytest.mark.parametrize(

@@ -93,6 +93,11 @@ def test_only_the_encoder_decides_which_spike_trains_a_cell_needs():
         ({"sweep.dataset": ["v3"]}, "'v3' is not a subset"),
         ({"sweep.seed": []}, "sweep of 'seed' has no value"),
         ({"sweep.seed": [-1]}, "sweep.seed must be whole numbers >= 0"),
+        (
+            {"sweep.encoder.conditioning.ema_cutoff_Hz": [None, 50]},
+            "ema_cutoff_Hz' has None, which the file of a study",
+        ),
+        ({"sweep.network.hidden & network.readout_tau_ms": [[4, None]]}, "readout_tau_ms' has None, which the file"),
         ({"sweep.encoder.sa1.t_ref_ms": [5]}, "sa1.t_ref_ms is swept as"),
         ({"encoder.sa1.t_ref_ms": 5}, "is swept as 'encoder.ra1.t_ref_ms & encoder.sa1.t_ref_ms'"),
         ({"encoder.sa1.t_ref_ms": [1, 5]}, "encoder.sa1.t_ref_ms': [[1, 1], [5, 5]]}`"),

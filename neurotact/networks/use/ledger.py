@@ -36,6 +36,8 @@ BLOCKS = "recurrent_blocks"
 """Column of results: blocks of hidden neurons within which recurrent synapses exist; absent where all have one."""
 DIRECT = "direct"
 """Column of results: 1 where the readout hears the afferents past a hidden layer; absent or empty where it does not."""
+OF_COST = {f"network.{key}": key for key in ("readout", "readout_tau_ms", "threshold_adaptation")}
+"""Columns of results where these keys of a network are swept or searched, on which its operations depend."""
 KIND = "afferents"
 """Column of the rows of a study: which afferents made the spikes of the network."""
 AMONG = "among"
@@ -179,7 +181,8 @@ def spec_of_row(spec: RSNNSpec, row: Mapping[str, Any]) -> RSNNSpec:
     """The spec of the network of a row of results; spec: of its study, of whose keys some may be swept."""
     keys = row.get(OWN_KEYS)
     if not isinstance(keys, str):
-        return spec if spec.own is None else RSNNSpec(recipe=spec.recipe, training=spec.training)
+        rsnn = spec if spec.own is None else RSNNSpec(recipe=spec.recipe, training=spec.training)
+        return rsnn.model_copy(update={key: row[name] for name, key in OF_COST.items() if pd.notna(row.get(name))})
     common = {key: getattr(spec, key) for key in ("step_ms", "training")}
     return build(RSNNSpec, {**json.loads(keys), **common}, source=OWN_KEYS)
 
@@ -277,7 +280,8 @@ def study_ledger(
         warnings.warn(f"the cost of {n} network{'s' * (n > 1)} is not counted; {GIVES_COST}", stacklevel=2)
         results = results[counted]
     results = results.assign(**{AMONG: results["sops_recurrent"] > 0})
-    alike = [KIND, AMONG, *(name for name in (STEPS_PER_BIN, STRETCHES, BLOCKS, DIRECT, OWN_KEYS) if name in results)]
+    alike = (STEPS_PER_BIN, STRETCHES, BLOCKS, DIRECT, OWN_KEYS, *OF_COST)
+    alike = [KIND, AMONG, *(name for name in alike if name in results)]
     measures = [*(MEASURED if OWN_KEYS in results else SOPS), "window_steps"]
     measures += [name for name in (*SPIKES, *SYNAPSES, *TOUCHED) if name in results]
     means = means_over(results, [*by, *alike], measures, "seeds")
