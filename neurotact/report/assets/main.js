@@ -13,7 +13,7 @@ function choose(index) {
   for (const row of table.tBodies[0].rows) row.removeAttribute("aria-current");
   rowOf(index).setAttribute("aria-current", "true");
   reach(rowOf(index));
-  if (study.chosen.setting !== cell.setting) {
+  if (!belongs(study, cell)) {
     byId("setting").value = study.chosen.setting = cell.setting;
     settle();
   }
@@ -40,6 +40,7 @@ function lookAt(target) {
 /* The parts that depend on the data set: answer, table, and the networks to compare. */
 function settle() {
   const front = study.fronts[study.chosen.setting];
+  byId("kinds").parentElement.hidden = Boolean(front?.of);  // side by side each decides as it is used
   for (const part of document.querySelectorAll(".answer")) part.hidden = part.dataset.setting !== study.chosen.setting;
   const another = front?.networks.findIndex((_, i) => i !== front.best);
   const beside = front?.cheapest === front?.best && another >= 0 ? another : front?.cheapest;  // not a network with itself
@@ -73,7 +74,8 @@ function pick(id) {
 }
 
 function begin() {
-  study.beginning = { setting: study.cells[study.best].setting, cost: "sops", scale: "linear", points: "means", kinds: "both", one: "", other: "", without: "" };
+  const first = Object.keys(study.fronts)[0], all = study.fronts[first]?.of ? study.fronts[first] : null;  // encoders side by side
+  study.beginning = { setting: all ? first : study.cells[study.best].setting, cost: all?.cost ?? "sops", scale: all?.scale ?? "linear", points: "means", kinds: "both", one: "", other: "", without: "" };
   const asked = stateOfAddress();
   const known = (id, value) => [...byId(id).options].some((option) => option.value === value);
   study.chosen = Object.fromEntries(CHOICES.map((id) => [id, known(id, asked.get(id)) ? asked.get(id) : study.beginning[id]]));
@@ -102,8 +104,7 @@ byId("to-row").addEventListener("click", () => {
 });
 begin();
 study.cell = study.best;
-const asked = study.cells.findIndex((cell, i) => i === study.best && cell.setting === study.chosen.setting);
-choose(asked >= 0 ? asked : study.cells.findIndex((cell) => cell.setting === study.chosen.setting));
+choose(belongs(study, study.cells[study.best]) ? study.best : study.cells.findIndex((cell) => belongs(study, cell)));
 
 let width = byId("cell").clientWidth;
 new ResizeObserver(() => {
