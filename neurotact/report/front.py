@@ -76,7 +76,8 @@ class Front(NamedTuple):
     saves and costs; next: what to do then, and commands. All are empty if there is nothing to say. Of networks alone:
     sides; split: that of the first training, one of several where a study sweeps it; cells: for each network the row of
     `results.csv` that stands for it; lost: the losses of accuracy; classes: of `robustness.by_class`, for the best
-    network; leader: the name of the folder of the best one on validation trials, whatever it costs. Of a way alone: told: its own headline.
+    network; leader: the name of the folder of the best one on validation trials, whatever it costs.
+    Of a way alone: told: its own headline.
     """
 
     setting: str

@@ -236,8 +236,8 @@ def _unclear(among: Sequence[Choice], found: Savings) -> str:
     chosen, other = among[found.cheapest], among[found.contrary[0]]
     return (
         f"No encoder is clearly the cheapest: validation trials prefer {chosen.name} "
-        f"({percent(chosen.network.accuracy)} of the test windows, {_spent(chosen)}), and {other.name} is no dearer and "
-        f"no less accurate on test trials ({percent(other.network.accuracy)}, {_spent(other)})."
+        f"({percent(chosen.network.accuracy)} of the test windows, {_spent(chosen)}), and {other.name} is no dearer "
+        f"and no less accurate on test trials ({percent(other.network.accuracy)}, {_spent(other)})."
     )
 
 
@@ -263,7 +263,7 @@ def _reached(one: Choice) -> str:
 
 
 def figures(among: Sequence[Choice], prices: str) -> list[Figure]:
-    """The accuracy of the encoder that is named beside the best classifier of the signals, and its energy."""
+    """Accuracy and energy of the encoder that is named, beside the best classifier of the signals."""
     found = _savings(among)
     one, other = named(among, found), _beside(among, found)
     (low, high), used, rival = one.interval, one.network.used, one.rival
