@@ -138,7 +138,7 @@ function drawTradeOff(plotly, host, study) {
   const isFromZero = chosen.scale === "linear" && Math.min(...costs) < 0.4 * Math.max(...costs);
   const narrow = host.clientWidth < 600, shared = sharedLayout(narrow);
   return draw(plotly, host, traces, {
-    ...shared, height: (narrow ? 500 : 450) + 60 * isOfAll, margin: { ...shared.margin, t: isOfAll ? 80 : shared.margin.t },
+    ...shared, height: (narrow ? 500 : 450) + 60 * isOfAll, margin: { ...shared.margin, t: isOfAll ? 90 : shared.margin.t },
     xaxis: { ...axisStyle(), title: { text: COSTS[chosen.cost].words, standoff: 8 }, type: chosen.scale, ...(isFromZero ? { rangemode: "tozero" } : {}) },
     yaxis: { ...axisStyle(), ...within(100), range: [low, high], title: { text: "test accuracy (%)" } },
     legend: isOfAll ? shared.legend : { ...shared.legend, title: { text: `${plain(study.pairWord).replace("t_ref", "t<sub>ref</sub>")} (ms) `, side: "top" } },
