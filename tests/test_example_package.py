@@ -1,5 +1,6 @@
 """The package that docs/plugins.md shows: installed apart from neurotact, each of its parts is used by its name."""
 
+import json
 import re
 import runpy
 import shutil
@@ -166,9 +167,13 @@ def test_the_study_of_encoders_has_a_row_of_the_package(recorded, tmp_path):
     table = pd.read_csv(tmp_path / "run" / "encoders.csv").set_index("encoder")
     assert table["energy_estimate_nJ"].notna().to_dict() == {"send-on-delta": True, "crossings": True}
     page = unescape((tmp_path / "run" / "report.html").read_text())
-    headline, rest = re.search(r'<p class="headline">(.*?)</p>\n<p class="words">(.*?)</p>', page).groups()
-    assert re.fullmatch(r"[A-Z][^;]*\.", headline)  # one sentence
-    assert rest.startswith("The cheapest within the error of the best is ")
+    (headline,) = re.search(r'<p class="headline">(.*?)</p>\n<dl class="big">', page).groups()
+    assert re.match(r"(No encoder|send-on-delta|crossings) ", headline)
+    assert re.fullmatch(r"[^;]*[^.;]\.", headline)  # one sentence
+    data = json.loads(re.search(r'id="study-data">(.*?)</script>', page)[1])
+    every = data["fronts"]["every encoder"]
+    assert {one["label"].partition(",")[0] for one in every["networks"]} >= {"send-on-delta", "crossings"}
+    assert data["cells"][data["best"]]["setting"] in every["of"]
 
 
 @pytest.mark.thorough

@@ -2,10 +2,10 @@
 
 Other rooms take:
 
-    answer: Answer, Baseline, Network, Trials, interval_of
+    answer: Answer, Baseline, Network, Trials, interval_of, opponents_of
     encoding_drawings: name_classes
     first_screen: mark, table_of_configurations, with_interval, within
-    front: Front, baselines_of, costs_of
+    front: Front, as_json, baseline_as_json, baselines_of, costs_of
     networks: DOWNLOADS, Steps, means_table, write
     page: Figure, PRINTED, Table, if_there, write
     period_choice: Places, as_c, in_folds

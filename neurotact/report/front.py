@@ -78,6 +78,7 @@ class Front(NamedTuple):
     sides; split: that of the first training, one of several where a study sweeps it; cells: for each network the row of
     `results.csv` that stands for it; lost: the losses of accuracy; classes: of `robustness.by_class`, for the best
     network; leader: the name of the folder of the best one on validation trials, whatever it costs.
+    Of a way alone: told: its own headline.
     """
 
     setting: str
@@ -95,17 +96,18 @@ class Front(NamedTuple):
     period: str = ""
     next: tuple[str, Sequence[str]] = ("", ())
     leader: str = ""
+    told: str = ""
 
     @property
     def headline(self) -> str:
         """The answer in one sentence, after a warning where validation cannot choose for the test."""
-        said = sentences.headline(self.answer)
+        said = self.told or sentences.headline(self.answer)
         return f"{self.untold}. {said}" if self.untold else said
 
     @property
     def verdict(self) -> str:
         """What the headline says without its numbers; the headline where it says nothing else."""
-        said = sentences.verdict(self.answer)
+        said = "" if self.told else sentences.verdict(self.answer)
         return f"{said}." if said else self.headline
 
     @property
@@ -264,10 +266,10 @@ def as_json(front: Front) -> dict[str, Any]:
         "best": one.rows.index(one.best),
         "cheapest": one.rows.index(one.cheapest),
         "used": USED[one.best.exits],
-        "baseline": _shown(one.baseline),
-        "beside": _shown(one.beside),
-        "comparable": _shown(one.comparable),
-        "cheaper": [_shown(baseline) for baseline in one.priced[0].cheaper],
+        "baseline": baseline_as_json(one.baseline),
+        "beside": baseline_as_json(one.beside),
+        "comparable": baseline_as_json(one.comparable),
+        "cheaper": [baseline_as_json(baseline) for baseline in one.priced[0].cheaper],
         "rivals": [baseline.name for baseline in one.rivals],
         "verdict": None
         if one.verdict is None or one.decisive is None
@@ -276,7 +278,8 @@ def as_json(front: Front) -> dict[str, Any]:
     }
 
 
-def _shown(baseline: Baseline | None) -> dict[str, Any] | None:
+def baseline_as_json(baseline: Baseline | None) -> dict[str, Any] | None:
+    """A baseline for the page."""
     if baseline is None:
         return None
     return {key: value for key, value in baseline._asdict().items() if key not in ("rows", "right", "by_list", "bytes")}

@@ -80,6 +80,8 @@ DOWNLOADS = {
 MEASURES = ["accuracy_validation", "accuracy_test", "sops_total", "exit_accuracy", "early_ms", "exit_sops_total"]
 NAMES = ["pair", "setting"]
 """Columns that name a network in words; they are shown, and not written to files."""
+EVERY = "every encoder"
+"""What the page calls the answer of all encoders side by side, beside those of each."""
 CALIBRATED = "Encoder, calibrated on the training trials of the first network"
 NETWORK_COLUMNS = {
     "setting": "data set",
@@ -145,6 +147,7 @@ def write(
     shown = fronts[_first_shown(fronts)]
     of_best = shown.cells[shown.answer.rows.index(shown.answer.best)]
     best = of_best if course.best_row is None else course.best_row
+    best = among.cell if among and among.cell is not None else best
     costs = _ledger(study, results, baselines, afferents, n_classes)
     left = {**course.tables}
     left |= {"encoders": among.every} if among else {}
@@ -175,8 +178,8 @@ def write(
         fronts=fronts,
         first=_first_shown(fronts),
         cautions=cautions,
-        among=among.words if among else "",
-        of_encoders=among.table if among else None,
+        among=among if among and among.table else None,
+        every=EVERY,
         chosen=front.chosen(trains, done),
         seeds=study.sweep.get("seed", [0]),
         data=page.if_there(folder / "data.json"),
@@ -194,7 +197,7 @@ def write(
         ledger_about=f"{ledger.ABOUT} {study.prices.in_words()}",
         pair_word=periods.head(study),
         page=page.parts(
-            _page_data(folder, done, results, spent, searches, classes, fronts, trains)
+            _page_data(folder, done, results, spent, searches, classes, fronts, trains, among.drawn if among else {})
             | {"best": best, "pairWord": periods.head(study), "populations": names_of(study)},
             page.NETWORKS,
         ),
@@ -246,13 +249,15 @@ def _page_data(
     classes: Classes,
     fronts: Sequence[Front],
     trains: SpikeTrains | None,
+    among: Mapping[str, Any],
 ) -> dict[str, Any]:
-    """The data of the page's script."""
+    """The data of the page's script; among: the picture of all encoders side by side, which comes first."""
     of_cells = details.cell_details(folder, done, classes)
     all_details = of_cells if len(of_cells) == len(results) else [{} for _ in range(len(results))]
     shown = [searches.of_cell(index) if searches else None for index in range(len(all_details))]
     all_details = [{**detail, "search": one} for detail, one in zip(all_details, shown, strict=True)]
-    drawn = {one.setting: front.as_json(one) for one in fronts}
+    drawn = {EVERY: among} if among else {}
+    drawn |= {one.setting: front.as_json(one) for one in fronts}
     step_ms = None if trains is None else 1e3 / trains.sampling_rate_Hz
     return {**details.page_data(results, spent, all_details, classes), "fronts": drawn, "stepMs": step_ms}
 

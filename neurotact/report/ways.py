@@ -17,7 +17,7 @@ from neurotact.report.wording import count, scale, spread
 from neurotact.spec import to_toml
 from neurotact.studies import way_cells
 from neurotact.studies.store import ANSWER, is_done
-from neurotact.studies.way import Listed, View, module_of, optional
+from neurotact.studies.way import Listed, Named, View, module_of, optional
 from neurotact.studies.way_study import WayStudy, cells
 from neurotact.tables import means_over, read_table, write_table
 
@@ -52,7 +52,7 @@ def write(study: WayStudy, folder: Path) -> Path:
         write_table(means, folder / f"means{suffix}", f"# {study.title}\n\n{module.VIEW.note}")
     told = _told(study, results)
     found = way_answer.answers(_with_choice(results, means, module.VIEW), module.VIEW, results)
-    shown = seen(means, module.VIEW, found, told.tables)
+    shown = seen(means, module.VIEW, found, told.tables, told.named)
     write_json(folder / ANSWER, told.as_json(shown["fronts"]))
     every = list(cells(study))
     arrays = way_cells.load_arrays(folder / every[0].given)
@@ -79,14 +79,19 @@ class _Told(NamedTuple):
     """What a way says of a run in words: sentences, what makes them worth little, and tables by their setting."""
 
     answers: list[str]
+    named: Mapping[str, Named]
     cautions: list[str]
     tables: dict[str, list[Table]]
 
     def as_json(self, fronts: Sequence[Front]) -> dict[str, Any]:
         """The first screen for programs: the sentences of the way where it has its own, else those of the fronts."""
-        tables = self.tables if self.answers else {front.setting: front.tables for front in fronts}
+        tables = self.tables if self.answers or self.named else {front.setting: front.tables for front in fronts}
         return {
             "answers": [{"dataset": "", "headline": said, "details": []} for said in self.answers]
+            or [
+                {"dataset": name, "headline": one.headline, "details": [*one.details]}
+                for name, one in self.named.items()
+            ]
             or [front.in_words() for front in fronts],
             "tables": [table._asdict() | {"setting": name} for name, several in tables.items() for table in several],
             "cautions": self.cautions,
@@ -95,10 +100,11 @@ class _Told(NamedTuple):
 
 def _told(study: WayStudy, results: pd.DataFrame) -> _Told:
     module = module_of(study.way)
-    answers, cautions, tables = (optional(module, name) for name in ("answers", "cautions", "tables"))
+    answers, named, cautions, tables = (optional(module, name) for name in ("answers", "named", "cautions", "tables"))
     first_look = [FIRST_LOOK] if study.first_look else []
     return _Told(
         answers(results) if answers else [],
+        named(results) if named else {},
         first_look + (cautions(results) if cautions else []),
         {name: [_listed(one, module.VIEW) for one in several] for name, several in tables(results).items()}
         if tables
@@ -118,7 +124,7 @@ def _listed(what: Listed, view: View) -> Table:
     heads = [view.measures.get(column, column) for column in columns]
     rows = [[_in_words(row, column, head, view) for column, head in zip(columns, heads, strict=True)]
             for row in what.rows.to_dict("records")]  # fmt: skip
-    return Table(what.caption, heads, rows, n_heads=1)
+    return Table(what.caption, heads, rows, 1, what.first)
 
 
 def _in_words(row: Mapping[Any, Any], column: str, head: str, view: View) -> str:
@@ -135,20 +141,25 @@ def _in_words(row: Mapping[Any, Any], column: str, head: str, view: View) -> str
 
 
 def seen(
-    means: pd.DataFrame, view: View, answers: Sequence[WayAnswer] = (), tables: Mapping[str, Sequence[Table]] = {}
+    means: pd.DataFrame,
+    view: View,
+    answers: Sequence[WayAnswer] = (),
+    tables: Mapping[str, Sequence[Table]] = {},
+    named: Mapping[str, Named] = {},
 ) -> dict[str, Any]:
     """What `protocol.html.jinja` shows of the means of `over_rows`: its answers, points and table, and their words.
 
-    tables: of an answer by its setting, in place of the table of the best of each kind.
+    tables, named: of an answer by its setting, in place of the table of the best of each kind and of its sentences.
     """
     return {
         "fronts": [
             Front(
                 one.setting,
                 one,
-                first_screen.figures(one),
-                [*sentences.details(one)],
+                [] if one.setting in named else first_screen.figures(one),
+                [*named[one.setting].details] if one.setting in named else [*sentences.details(one)],
                 tables.get(one.setting) or [first_screen.table_of_configurations(one)],
+                told=named[one.setting].headline if one.setting in named else "",
             )
             for one in answers
         ],
@@ -158,7 +169,7 @@ def seen(
         "score": view.measures[view.score],
         "heads": [*map(words, view.by), *view.measures.values()],
         "rows": _rows(means, view),
-        "page": page.parts(_page_data(means, view) | {"fronts": _drawn(answers)}, page.PROTOCOL),
+        "page": page.parts(_page_data(means, view, named) | {"fronts": _drawn(answers)}, page.PROTOCOL),
     }
 
 
@@ -213,8 +224,11 @@ def _entry(head: str, mean: Any, sd: Any) -> Entry:
     return Entry("-", "") if mean is None or pd.isna(mean) else Entry(spread(head, mean, sd), scale(head) * float(mean))
 
 
-def _page_data(means: pd.DataFrame, view: View) -> dict[str, Any]:
-    """One point per configuration; series differ in what is named first beside the answer's setting."""
+def _page_data(means: pd.DataFrame, view: View, answers: Mapping[str, Named]) -> dict[str, Any]:
+    """One point per configuration; series differ in what is named first beside the answer's setting.
+
+    Where an answer names points, labels are those of each cost.
+    """
     factor = scale(view.measures[view.score])
     whole = 100.0 if factor > 1 else None
     named = [column for column in view.by if column not in view.apart]
@@ -226,6 +240,7 @@ def _page_data(means: pd.DataFrame, view: View) -> dict[str, Any]:
             "series": name_of(row[named[0]]),
             "costs": {column: _number(row[column]) for column in costs},
             "y": _number(factor * row[view.score]),
+            "labels": _labels(tuple(str(row[column]) for column in named), row, view, answers),
             "bar": bars(factor * row[view.score], factor * row[f"{view.score}_sd"], whole)[:, 0].tolist(),
         }
         for row in means.to_dict("records")
@@ -237,6 +252,15 @@ def _page_data(means: pd.DataFrame, view: View) -> dict[str, Any]:
         "log": [column for column in costs if _is_wide(means[column].to_numpy(float))],
         "whole": whole,
     }
+
+
+def _labels(
+    key: tuple[str, ...], row: Mapping[Any, Any], view: View, answers: Mapping[str, Named]
+) -> dict[str, str] | None:
+    """The names of a point by cost, without those by which it is not drawn; None where its answer names no points."""
+    one = answers.get(way_answer.setting_of([row[column] for column in view.apart], view))
+    labels = one.labels if one else {}
+    return {cost: texts[key] for cost, texts in labels.items() if key in texts} if labels else None
 
 
 def _costs(means: pd.DataFrame, view: View) -> list[str]:

@@ -13,7 +13,7 @@ Other rooms take:
     study: Cell, LENGTH, PARTS, SPLIT, StudySpec, by_split, cells, encoder_columns, has_one_split, setting_columns,
         split_columns, swept_columns, to_toml, value_at
     sweeps: JOIN, values
-    way: HEADS, Listed, View, module_of, optional
+    way: HEADS, Listed, Named, View, module_of, optional
     way_cells: load_arrays
     way_study: WayStudy, cells
 """

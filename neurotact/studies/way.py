@@ -4,7 +4,7 @@ Each way is a module that an entry point of the group `neurotact.ways` names. It
 functions of `_Way`, which connect estimators, signals, costs and drawings of other modules.
 """
 
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from typing import Any, Literal, NamedTuple, Protocol, cast
 
 import numpy as np
@@ -100,19 +100,34 @@ class Listed(NamedTuple):
     """A table of the first screen.
 
     rows: columns of `View.measures` are shown with their heads, the score with the interval from `low` to `high` if
-    there is one; the head of any other column is its name.
+    there is one; the head of any other column is its name. first: the rows to show before the others are unfolded.
     """
 
     caption: str
     rows: pd.DataFrame
+    first: Sequence[int] = ()
+
+
+class Named(NamedTuple):
+    """An answer whose picture says by itself what it is of.
+
+    headline: one sentence. details: all others, which are folded. labels: for each column of a cost, the first shown
+    first, the names of configurations by their values of `View.by` without `View.apart`; empty where the point has no
+    name, and missing where it is not drawn.
+    """
+
+    headline: str
+    details: Sequence[str] = ()
+    labels: Mapping[str, Mapping[tuple[str, ...], str]] = {}
 
 
 class _Way(Protocol):
     """The contents of the module of a way.
 
     Parameters: everything that decides a cell's numbers; its field `data` decides the arrays that cells share.
-    Four functions are optional (`optional`):
+    Five functions are optional (`optional`):
     `answers(results) -> list[str]`: sentences at the top of the report, which the command also prints.
+    `named(results) -> dict[str, Named]`: in place of these, the answer of each setting with the names in its picture.
     `cautions(results) -> list[str]`: what limits these answers, each with its remedy.
     `tables(results) -> dict[str, Sequence[Listed]]`: tables for each answer by its setting (`View.apart`, in words),
     which replace the table of the best of each kind and are printed.
@@ -137,7 +152,7 @@ class _Way(Protocol):
         ...
 
 
-def optional(module: _Way, name: Literal["answers", "cautions", "tables", "own"]) -> Callable[..., Any] | None:
+def optional(module: _Way, name: Literal["answers", "named", "cautions", "tables", "own"]) -> Callable[..., Any] | None:
     """An optional function of a way; None if it lacks it."""
     return getattr(module, name, None)
 

@@ -55,6 +55,11 @@ COSTS = {
 """The costs of a decision, by their columns."""
 ANSWERED = (SOPS, ENERGY)
 """Those whose saving has a sentence of its own."""
+PICTURED = (ENERGY, SOPS, SIGNAL)
+"""All, that of the headline first."""
+MINUS = "\u2212"
+LEAST = 0.02
+"""The share of a cost from which on a saving has a name in the picture."""
 
 
 def fronts(results: pd.DataFrame, cost: str = SOPS) -> pd.DataFrame:
@@ -181,26 +186,30 @@ def _share(part: pd.DataFrame, base: pd.DataFrame, cost: str = SOPS) -> float:
 
 
 def tables(results: pd.DataFrame) -> dict[str, tuple[Listed, ...]]:
-    """Of each set by its name: the Pareto front from the best network down, and what each way saves at its accuracy."""
-    return {str(name): (_listed(rows), *_kept(rows)) for name, rows in results.groupby("set", sort=False)}
+    """Of each set by its name: what each way saves at its accuracy, and the Pareto front from the best network down."""
+    return {str(name): (*_kept(rows), _listed(rows)) for name, rows in results.groupby("set", sort=False)}
 
 
 def _kept(rows: pd.DataFrame) -> Iterator[Listed]:
     """The setting of each way that is the cheapest at the accuracy of the best, a column per cost of `COSTS`."""
-    if not (rows["way"] == NOTHING).any():
-        return
     ways = [way for way in rows["way"].unique() if way != NOTHING]
-    table = {"way": ways}
-    for cost, called in COSTS.items():
-        compared = Compared.of(rows, cost)
-        found = {way: compared.savings(lambda one, way=way: one.way == way) for way in ways}
-        table[f"fewest {called.unit}"] = [_kept_in_words(compared.settings, found[way].cheapest) for way in ways]
+    if not ways or not (rows["way"] == NOTHING).any():
+        return
+    table, first = {"way": ways}, []
+    for cost in PICTURED:
+        settings, found = _of_ways(rows, cost)
+        table[f"fewest {COSTS[cost].unit}"] = [_kept_in_words(settings, found[way]) for way in ways]
+        if cost == ENERGY:
+            order = sorted(ways, key=lambda way: _left(settings, found[way]))
+            periods = [way for way in order if way in PERIODS][:1]
+            first = [ways.index(way) for way in dict.fromkeys((*order[:1], *periods, *order[1:]))]
     within = ", with their 95 % interval from the differences of the seeds," if has_intervals(rows) else ""
     yield Listed(
         "What each way saves: its cheapest setting within the standard error of the best validation accuracy that test "
         f"windows do not show to be clearly less accurate than another; the points of accuracy that are lost{within} "
         "and the share that is left of the cost. -: the way has no such setting that saves.",
         pd.DataFrame(table),
+        first,
     )
     priced = energies_of_ways(rows)
     if len(priced):
@@ -211,6 +220,68 @@ def _kept(rows: pd.DataFrame) -> Iterator[Listed]:
             "accuracy, as above. -: the way has no such setting that saves.",
             left.reindex(ways).fillna("-").reset_index(),
         )
+
+
+def _of_ways(rows: pd.DataFrame, cost: str) -> tuple[list[Saved], dict[str, int | None]]:
+    """The settings of one set, and for each way which of them is the cheapest that keeps the accuracy."""
+    compared = Compared.of(rows, cost)
+    ways = dict.fromkeys(one.way for one in compared.settings if one.way != NOTHING)
+    return compared.settings, {way: compared.savings(lambda one, way=way: one.way == way).cheapest for way in ways}
+
+
+def _left(settings: Sequence[Saved], at: int | None) -> float:
+    """The share of the cost that is left; 1 where nothing is saved."""
+    return 1.0 if at is None else min(1.0, settings[at].share)
+
+
+def labels(rows: pd.DataFrame, cost: str) -> dict[tuple[str, str], str]:
+    """The names in a picture of one set: of the setting of each way that keeps the accuracy, if it saves."""
+    if not (rows["way"] == NOTHING).any():
+        return {}
+    settings, found = _of_ways(rows, cost)
+    saving = {at for at in found.values() if at is not None and settings[at].share <= 1 - LEAST}
+
+    def label(at: int, one: Saved) -> str:
+        return f"{one.way} {in_signs(one.share, one.lost.mean())}" if at in saving else ""
+
+    return {(one.way, one.setting): label(at, one) if at else NOTHING for at, one in enumerate(settings)}
+
+
+def in_signs(share: float, lost: float) -> str:
+    r"""What is saved and lost, in few words.
+
+    >>> [in_signs(*pair).replace("\u00a0", " ") for pair in ((0.806, 0.034), (0.999, -0.017))] == [
+    ...     f"{MINUS}19 %, {MINUS}3.4 points", "0 %, +1.7 points"]
+    True
+    """
+    cost, points = (f"{change + 0.0:+g}" for change in (round(100 * (share - 1)), round(-100 * lost, 1)))
+    said = f"{cost}~%, {points}~points".replace("-", MINUS).replace("+0~", "0~")
+    return said.replace("~", "\u00a0")
+
+
+def headline(rows: pd.DataFrame) -> str:
+    """One sentence on one set: whether a refractory period is the cheapest way, and what both save of the energy."""
+    if unfit := _unfit(rows):
+        return _capital(unfit)
+    compared = Compared.of(rows, ENERGY)
+    found, called = compared.savings(), COSTS[ENERGY].called
+    said = _capital(_verdict(compared, found, called))
+    period, other = (compared.savings(lambda one, own=own: one.is_refractory == own).cheapest for own in (True, False))
+    told = [compared.settings[at] for at in (found.cheapest, period, other) if at is not None]
+    saving = {one.is_refractory: one for one in reversed(told) if one.saves}
+    if not saving:
+        return f"{said}."
+    first, *more = sorted(saving.values(), key=lambda one: one.share)
+    parts = [f"{100 * (1 - first.share):.0f} % of the {called} is saved by {_by(first)}"]
+    parts += [f"{100 * (1 - one.share):.0f} % by {_by(one)}" for one in more]
+    if True not in saving:
+        parts.append(f"nothing by a {REFRACTORY}")
+    return f"{said}: {', '.join(parts)}."
+
+
+def _by(one: Saved) -> str:
+    points = f"{100 * abs(one.lost.mean()):.1f} points {'gained' if one.lost.mean() < 0 else 'lost'}"
+    return f"{f'a {REFRACTORY}' if one.is_refractory else one.way} ({points})"
 
 
 def energies_of_ways(rows: pd.DataFrame) -> pd.DataFrame:

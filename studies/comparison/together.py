@@ -8,7 +8,7 @@ from collections.abc import Callable, Iterator, Mapping, Sequence
 from typing import Any, NamedTuple
 
 import pandas as pd
-from neurotact_parts.studies.comparison.fronts import COSTS, ENERGY, NOTHING, SOPS, interval_of, not_learned
+from neurotact_parts.studies.comparison.fronts import COSTS, ENERGY, NOTHING, SOPS, in_signs, interval_of, not_learned
 from neurotact_parts.studies.comparison.saving import Setting
 
 from neurotact.metrics.decision import is_within
@@ -102,6 +102,15 @@ def shown(results: pd.DataFrame) -> pd.DataFrame:
     seeds, of_set = (results.groupby(of)["seed"].transform("nunique") for of in (["set", "way"], ["set"]))
     is_short = (results["way"] == TOGETHER) & (seeds < of_set)
     return results[~(results["way"].str.startswith(WITHOUT) | is_short)]
+
+
+def labels(results: pd.DataFrame, cost: str) -> dict[tuple[str, str], str]:
+    """The name in a picture of all ways together, of one set; empty without them."""
+    base, mine = results[results["way"] == NOTHING], shown(results)
+    mine = mine[mine["way"] == TOGETHER]
+    if mine.empty or base.empty:
+        return {}
+    return {(TOGETHER, KEEPING): f"all together {in_signs(_left(mine, base, cost), _lost(mine, base).mean())}"}
 
 
 def answers(results: pd.DataFrame) -> list[str]:

@@ -22,7 +22,7 @@ from neurotact.figures.style import Drawn
 from neurotact.metrics.prices import ARITHMETIC_45NM, Priced
 from neurotact.networks.definition.specs import RSNNSpec
 from neurotact.spec import Spec
-from neurotact.studies.way import Arrays, Listed, View, heads
+from neurotact.studies.way import Arrays, Listed, Named, View, heads
 
 
 class Parameters(Spec):
@@ -87,7 +87,7 @@ def run(parameters: Parameters, arrays: Arrays) -> list[dict[str, Any]]:
     done: list[tuple[str, Setting]] = []
     tried = list(_differing(bench, parameters.ways, step_ms(parameters.data, arrays)))
     for index, (way, setting) in enumerate(tried):
-        name, used = named(setting, is_events=bench.encoder is None), setting
+        name, used = in_words(setting, is_events=bench.encoder is None), setting
         plain = known.get(Setting().first_training())
         if not setting.recurrence and plain is not None and not plain.network.spec.recurrent:
             if not plain.was_open:
@@ -102,7 +102,7 @@ def run(parameters: Parameters, arrays: Arrays) -> list[dict[str, Any]]:
         def measure(setting: Setting) -> dict[str, Any]:
             return {**measured(bench, setting, {**known}, parameters.prices), **shared}
 
-        rows += together.rows_of(done, rows, measure, lambda one: named(one, is_events=bench.encoder is None))
+        rows += together.rows_of(done, rows, measure, lambda one: in_words(one, is_events=bench.encoder is None))
     tested = _tested(bench, known[Setting().first_training()])
     return [{**row, **tested} for row in rows]
 
@@ -132,10 +132,10 @@ def _tested(bench: Bench, fitted: Fitted) -> dict[str, Any]:
     }
 
 
-def named(setting: Setting, *, is_events: bool = False) -> str:
+def in_words(setting: Setting, *, is_events: bool = False) -> str:
     """A setting in words.
 
-    >>> named(Setting(t_ref_ms=(2, 10))), named(Setting(prune=0.5, train_on=True)), named(Setting(step_ms=5))
+    >>> in_words(Setting(t_ref_ms=(2, 10))), in_words(Setting(prune=0.5, train_on=True)), in_words(Setting(step_ms=5))
     ('2 & 10 ms', '50 % of the weights, trained on', 'steps of 5 ms')
     """
     parts = _times_in_words(setting, is_events=is_events)
@@ -170,10 +170,20 @@ def _times_in_words(setting: Setting, *, is_events: bool) -> list[str]:
     return parts
 
 
-def answers(results: pd.DataFrame) -> list[str]:
-    """Two sentences for each set with results: what it costs to save half of the SOPs, and half of the energy."""
+def named(results: pd.DataFrame) -> dict[str, Named]:
+    """Of each set with results what the cheapest way saves, and a picture that names what each way saves."""
     rows = of_run(results)
-    return [*fronts.answers(together.alone(rows)), *together.answers(rows)]
+    return {str(name): _named(part) for name, part in rows.groupby("set", sort=False)}
+
+
+def _named(rows: pd.DataFrame) -> Named:
+    alone = together.alone(rows)
+    headline = fronts.headline(alone)
+    details = [said for said in (*fronts.answers(alone), *together.answers(rows)) if said != headline]
+    if not details:  # nothing was learned, so that no saving has a name
+        return Named(headline)
+    labels = {cost: fronts.labels(alone, cost) | together.labels(rows, cost) for cost in fronts.PICTURED}
+    return Named(headline, details, labels)
 
 
 def cautions(results: pd.DataFrame) -> list[str]:

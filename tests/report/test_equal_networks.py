@@ -66,7 +66,7 @@ def of_encoders(rng, **how) -> str:
         Choice(f"e{at}", None, told.network(at, float(cost)), told.trials, None, None) for at, cost in enumerate(costs)
     ]
     said = encoder_choice.sentence(sorted(among, key=lambda one: -one.network.validation))
-    if "which tell it from all others" in said:
+    if "is more accurate than all others" in said:
         return "better"
     return "worse" if "clearly less accurate" in said else "tie"
 

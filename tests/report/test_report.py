@@ -621,6 +621,43 @@ def test_in_a_browser_a_line_has_the_name_of_the_verdict_and_no_mark_in_it(chrom
     assert chromium.evaluate(OVER) == [1, 0]
 
 
+APART = """(() => {
+  const boxes = (parts) => [...document.querySelectorAll(parts)].map((part) => part.getBoundingClientRect());
+  const meet = (a, b) => a.left < b.right && b.left < a.right && a.top < b.bottom && b.top < a.bottom;
+  const names = boxes("#plot .annotation-text"), marks = boxes("#plot .points path"), width = document.body.clientWidth;
+  return [names.length, names.filter((name, i) => names.some((other, j) => i < j && meet(name, other))).length,
+    names.filter((name) => marks.some((mark) => meet(name, mark)) || name.left < 0 || name.right > width).length];
+})()"""
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("width", [400, 1400])
+def test_in_a_browser_encoders_side_by_side_have_names_that_hide_nothing(chromium, rivalled, width, tmp_path):
+    data = json.loads(Page(rivalled).json)
+    setting, front = next(iter(data["fronts"].items()))
+    one, names = front["networks"][front["best"]], [f"encoder-{at}, 10&10 ms" for at in range(13)]
+    crowded = [
+        {"accuracy": 0.91 + 0.02 * (at % 5), "nJ": 90.0 + 30.0 * (at % 7) + 900.0 * (at > 9)} for at in range(13)
+    ]
+    networks = [
+        one | {"used": "whole", "early": None, "series": name, "label": name, "whole": one["whole"] | reached}
+        for name, reached in zip(names, crowded, strict=True)
+    ]
+    of = dict(zip([setting, *map(str, range(12))], names, strict=True))
+    every = front | {"networks": networks, "best": 0, "used": "whole", "of": of, "cost": "nJ", "scale": "log"}
+    data["fronts"] = {"every encoder": every} | data["fronts"]
+    page, (before, _, after) = tmp_path / "report.html", rivalled.read_text().partition(Page(rivalled).json)
+    page.write_text(before + json.dumps(data) + after)
+    chromium.open(page, width)
+    chromium.wait_for(f"{DRAWN} && document.querySelector('#plot .annotation-text')")
+    shown = chromium.evaluate("document.getElementById('plot').layout.annotations.map((one) => one.text)")
+    told = {text.replace("<br>", " ").replace("&amp;", "&") for text in shown}
+    assert {*names} <= told
+    assert chromium.evaluate(APART) == [len(shown), 0, 0]
+    assert chromium.evaluate("document.querySelectorAll('#plot .legend .traces').length") <= 3
+    assert_quiet(chromium, page)
+
+
 @pytest.mark.slow
 def test_in_a_browser_a_window_of_another_size_keeps_the_whole_picture(chromium, rivalled):
     chromium.open(rivalled, 1400)

@@ -13,7 +13,7 @@ function choose(index) {
   for (const row of table.tBodies[0].rows) row.removeAttribute("aria-current");
   rowOf(index).setAttribute("aria-current", "true");
   reach(rowOf(index));
-  if (study.chosen.setting !== cell.setting) {
+  if (!belongs(study, cell)) {
     byId("setting").value = study.chosen.setting = cell.setting;
     settle();
   }
@@ -41,6 +41,7 @@ function lookAt(target) {
 function settle() {
   const front = study.fronts[study.chosen.setting];
   offerCosts();
+  byId("kinds").parentElement.hidden = Boolean(front?.of);  // side by side each decides as it is used
   for (const part of document.querySelectorAll(".answer")) part.hidden = part.dataset.setting !== study.chosen.setting;
   const another = front?.networks.findIndex((_, i) => i !== front.best);
   const beside = front?.cheapest === front?.best && another >= 0 ? another : front?.cheapest;  // not a network with itself
@@ -56,7 +57,7 @@ function settle() {
 
 /* The costs that are counted for networks of the data set; the first of them, in place of one that is not. */
 function offerCosts() {
-  const own = study.cells.filter((cell) => cell.setting === study.chosen.setting), select = byId("cost");
+  const own = study.cells.filter((cell) => belongs(study, cell)), select = byId("cost");
   for (const option of select.options) {
     option.disabled = !own.some((cell) => cell.whole?.[option.value] != null);
     option.text = option.text.replace(/: not counted$/, "") + (option.disabled ? ": not counted" : "");
@@ -85,7 +86,8 @@ function pick(id) {
 }
 
 function begin() {
-  study.beginning = { setting: study.cells[study.best].setting, cost: "sops", scale: "linear", points: "means", kinds: "both", one: "", other: "", without: "" };
+  const first = Object.keys(study.fronts)[0], all = study.fronts[first]?.of ? study.fronts[first] : null;  // encoders side by side
+  study.beginning = { setting: all ? first : study.cells[study.best].setting, cost: all?.cost ?? "sops", scale: all?.scale ?? "linear", points: "means", kinds: "both", one: "", other: "", without: "" };
   const asked = stateOfAddress();
   const known = (id, value) => [...byId(id).options].some((option) => option.value === value);
   study.chosen = Object.fromEntries(CHOICES.map((id) => [id, known(id, asked.get(id)) ? asked.get(id) : study.beginning[id]]));
@@ -113,8 +115,7 @@ byId("to-row").addEventListener("click", () => {
 });
 begin();
 study.cell = study.best;
-const asked = study.cells.findIndex((cell, i) => i === study.best && cell.setting === study.chosen.setting);
-choose(asked >= 0 ? asked : study.cells.findIndex((cell) => cell.setting === study.chosen.setting));
+choose(belongs(study, study.cells[study.best]) ? study.best : study.cells.findIndex((cell) => belongs(study, cell)));
 
 let width = byId("cell").clientWidth;
 new ResizeObserver(() => {

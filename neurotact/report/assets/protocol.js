@@ -60,12 +60,22 @@ function bentTicks() {
 }
 
 function isShown(point) {
-  return point.y != null && (!settings.length || point.setting === study.shown.setting);
+  return point.y != null && (!settings.length || point.setting === study.shown.setting) && (!point.labels || labelOf(point) != null);
+}
+
+/* The name of a point in a picture that names points; empty without a name. */
+function labelOf(point) {
+  return point.labels?.[study.shown.cost];
+}
+
+/* Whether the picture names points, beside which others are small and grey. */
+function isNamed() {
+  return study.points.some((point) => isShown(point) && labelOf(point));
 }
 
 /* Rings about the best configuration and the cheapest within its error. */
 function markTraces() {
-  const front = study.fronts[study.shown.setting];
+  const front = isNamed() ? null : study.fronts[study.shown.setting];
   const both = front?.best === front?.cheapest;
   const of = study.points[front?.best]?.series.startsWith("network") ? " network" : "";  // chosen among networks, beside rivals
   const marks = !front ? [] : both ? [[`best and cheapest${of}`, front.best, 19]] : [[`best${of}`, front.best, 19], [`cheapest${of} within error`, front.cheapest, 21]];
@@ -86,34 +96,49 @@ function frontTrace() {
   };
 }
 
+/* Entries of the legend alone, of a picture that names points. */
+function keyTraces() {
+  const entry = (name, colour, size) => ({ type: "scatter", mode: "markers", name, hoverinfo: "skip", x: [null], y: [null], marker: { color: style(colour), size } });
+  return [entry("named: cheapest setting that keeps the accuracy", "--ink", 10), entry("grey: other settings; zoom out for all", "--soft", 6)];
+}
+
 /* A line at guessing where it leaves the points room. */
 function chanceLine() {
   const chance = study.fronts[study.shown.setting]?.chance, line = { y: chance, words: `guessing ${chance?.toFixed(1)}`, colour: style("--soft"), dash: "dot" };
-  return near(chance == null ? [] : [line], study.points.filter(isShown).map((point) => point.y));
+  return near(chance == null ? [] : [line], study.points.filter((point) => isShown(point) && (!isNamed() || labelOf(point))).map((point) => point.y));
 }
 
-function seriesTrace(name, index) {
-  const here = study.points.map((_, i) => i).filter((i) => study.points[i].series === name && isShown(study.points[i]));
+function seriesTrace(name, index, isOf = () => true) {
+  const here = study.points.map((_, i) => i).filter((i) => study.points[i].series === name && isShown(study.points[i]) && isOf(study.points[i]));
   const points = here.map((i) => study.points[i]);
   const colour = style(`--series-${index % SYMBOLS.length}`), round = Math.floor(index / SYMBOLS.length), open = round % 4 === 1 || round % 4 === 2;
   return {
-    type: "scatter", mode: "markers", name: plain(name), x: points.map(costOf), y: points.map((p) => up(p.y)), customdata: here,
+    type: "scatter", mode: "markers", name: plain(name), showlegend: !isNamed(), x: points.map(costOf), y: points.map((p) => up(p.y)), customdata: here,
     text: points.map((p) => `<b>${plain(p.name)}</b><br>${plain(study.score)}: ${short(p.y)}`), hovertemplate: `%{text}<br>${costHead()}: %{x:,.4~g}<extra></extra>`,
     error_y: {
-      type: "data", symmetric: false, arrayminus: points.map((p) => up(p.y) - up(p.y - p.bar[0])), array: points.map((p) => up(p.y + p.bar[1]) - up(p.y)),
+      type: "data", symmetric: false, visible: !isNamed(), arrayminus: points.map((p) => up(p.y) - up(p.y - p.bar[0])), array: points.map((p) => up(p.y + p.bar[1]) - up(p.y)),
       color: colour, thickness: 1, width: 2,
     },
     cliponaxis: false,
     marker: {
-      symbol: symbolOf(round < 2 ? index % SYMBOLS.length : index, open), color: colour, size: 10, opacity: 0.9,
+      symbol: symbolOf(round < 2 ? index % SYMBOLS.length : index, open), size: points.map((p) => labelOf(p) === "" ? 6 : 10), opacity: 0.9,
+      color: points.map((p) => labelOf(p) === "" ? style("--soft") : colour),
       line: { width: open ? 1.6 : 0.5, color: open ? colour : style("--ground") },
     },
   };
 }
 
+/* The part of an axis with the named points, with room for their names; of a logarithmic one by its powers. */
+function rangeOf(values, least, type) {
+  const known = type === "log" ? values.map(Math.log10) : values, low = Math.min(...known), high = Math.max(...known), room = 0.6 * Math.max(high - low, least);
+  return { range: [low - room, high + room / 2], autorange: false };
+}
+
 function redraw() {
   const names = [...new Set(study.points.map((point) => point.series))];
-  const traces = [...names.map(seriesTrace).filter((trace) => trace.x.length), frontTrace(), ...markTraces()];
+  const named = study.points.filter((p) => isShown(p) && labelOf(p) && costOf(p) != null);
+  const layers = named.length ? [(p) => !labelOf(p), labelOf] : [() => true];  // names lie on marks that lie over the others
+  const traces = [...layers.flatMap((isOf) => names.map((name, index) => seriesTrace(name, index, isOf))).filter((trace) => trace.x.length), ...(named.length ? keyTraces() : [frontTrace(), ...markTraces()])];
   const chosen = study.points[study.chosen];
   if (chosen && isShown(chosen)) {
     traces.push({
@@ -121,17 +146,20 @@ function redraw() {
       marker: { symbol: "circle-open", size: 14, color: style("--ink"), line: { width: 2.5 } },
     });
   }
+  const shared = sharedLayout(host.clientWidth < 600);
   return draw(plotly, host, traces, {
-    ...sharedLayout(host.clientWidth < 600),
-    xaxis: { ...axisStyle(), title: { text: plain(costHead()), standoff: 8 }, type: study.shown.scale },
-    yaxis: { ...axisStyle(), ...(study.whole == null ? {} : within(study.whole)), ...bentTicks(), title: { text: plain(study.score) } },
-  }, chanceLine());
+    ...shared, ...(named.length ? { margin: { ...shared.margin, t: 70 } } : {}),
+    uirevision: JSON.stringify(study.shown),
+    xaxis: { ...axisStyle(), ...(named.length ? rangeOf(named.map(costOf), 0, study.shown.scale) : {}), title: { text: plain(costHead()), standoff: 8 }, type: study.shown.scale },
+    yaxis: { ...axisStyle(), ...(study.whole == null ? {} : within(study.whole)), ...(named.length ? rangeOf(named.map((p) => up(p.y)), 10, "linear") : {}), ...bentTicks(), title: { text: plain(study.score) } },
+  }, chanceLine(), named.map((p) => ({ x: costOf(p), y: up(p.y), words: plain(labelOf(p)) })));
 }
 
 for (const part of document.querySelectorAll(".scripted")) part.hidden = false;
 for (const link of document.querySelectorAll("a[data-picture]")) link.href = link.closest("figure").querySelector("img").src;
 unfoldOnVisit();
-study.beginning = { setting: settings[0] ?? "", cost: COSTS[0], scale: scaleOf(COSTS[0]) };
+const first = Object.keys(study.points.find((point) => point.labels)?.labels ?? study.costs)[0];
+study.beginning = { setting: settings[0] ?? "", cost: first, scale: scaleOf(first) };
 study.shown = { ...study.beginning };
 if (settings.length) {
   const asked = stateOfAddress();

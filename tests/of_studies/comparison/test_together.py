@@ -58,7 +58,8 @@ def test_nothing_is_together_where_one_way_saves_or_no_two_keep_the_accuracy():
 
 def test_single_ways_are_answered_as_without_what_joins_them_and_together_has_a_sentence():
     table = pd.DataFrame([
-        {"set": "cubes", "way": way, "setting": "-", "seed": seed, **row(0.9 - lost, energy, energy)}
+        {"set": "cubes", "way": way, "seed": seed,
+         "setting": together.KEEPING if way.startswith(TOGETHER) else "-", **row(0.9 - lost, energy, energy)}
         for seed in range(3)
         for way, lost, energy in ((NOTHING, 0, 100.0), ("slower clock", 0, 80.0), (TOGETHER, 0.02, 20.0),
                                   (f"{WITHOUT}slower clock", 0.0, 30.0))
@@ -71,9 +72,14 @@ def test_single_ways_are_answered_as_without_what_joins_them_and_together_has_a_
     (listed,) = together.listed(table)
     assert listed.rows["ways"].tolist() == [TOGETHER, f"{WITHOUT}slower clock"]
     assert listed.rows["nJ left"].tolist() == ["20 %", "30 %"]
-    answers = ways_to_save.answers(table.assign(skipped=""))
-    assert answers[-1] == said[0]
-    assert answers[:-1] == ways_to_save.answers(together.alone(table).assign(skipped=""))
+    (whole,), (alone,) = (
+        ways_to_save.named(rows.assign(skipped="")).values() for rows in (table, together.alone(table))
+    )
+    assert (whole.details[-1], whole.headline) == (said[0], alone.headline)
+    assert [*whole.details[:-1]] == [*alone.details]
+    for cost, names in whole.labels.items():
+        assert {way for way, _ in names} == {NOTHING, "slower clock", TOGETHER}
+        assert names.keys() - alone.labels[cost].keys() == {(TOGETHER, together.KEEPING)}
 
 
 def test_all_together_is_compared_with_single_ways_where_each_seed_has_it():

@@ -9,7 +9,7 @@ from neurotact_parts.studies.comparison import by_list, saving, ways_to_save
 from neurotact_parts.studies.comparison.fronts import NOTHING
 from neurotact_parts.studies.comparison.saving import Bench, Setting, changed, cut, measured
 from neurotact_parts.studies.comparison.sets import WaysData, bench_of
-from neurotact_parts.studies.comparison.ways_to_save import Parameters, named
+from neurotact_parts.studies.comparison.ways_to_save import Parameters, in_words
 
 from neurotact.data.spikes import from_rasters
 from neurotact.data.splits import Split, SplitSpec
@@ -254,12 +254,12 @@ def test_times_of_a_setting_are_whole_steps_once_and_for_all(t_ref_ms, own_ms, c
         assert period / clock_ms == round(period / clock_ms)
         assert period >= clock_ms * (not is_events)
     assert setting.step_ms is None or setting.step_ms > clock_ms
-    assert named(setting, is_events=is_events) == "-" if setting == Setting() else True
+    assert in_words(setting, is_events=is_events) == "-" if setting == Setting() else True
 
 
 def test_the_longest_steps_may_be_tried_with_the_shortest_refractory_period():
     shortest = Setting(t_ref_ms=(5, 5), longest_steps=True).on(5.0, is_events=False)
-    assert named(shortest) == "5 & 5 ms, longest steps"
+    assert in_words(shortest) == "5 & 5 ms, longest steps"
     assert Setting(t_ref_ms=(5, 5)).on(5.0, is_events=False) == Setting()
     with pytest.raises(InputError, match="longest_steps: the clock has steps of step_ms"):
         Setting(longest_steps=True, step_ms=5.0)
