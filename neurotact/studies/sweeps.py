@@ -18,33 +18,32 @@ JOIN = " & "
 
 
 def check(sweep: Mapping[str, list[Any]]) -> None:
-    """ValueError if an axis has no value, a value that is None or twice there, or a point of another size than its own.
-
-    And if a key is on two axes.
-    """
-    for axis, values in sweep.items():
-        if not values:
-            raise ValueError(f"sweep of '{axis}' has no value")
-        if any(not isinstance(v, list) or len(v) != len(axis.split(JOIN)) for v in values if JOIN in axis):
-            raise ValueError(f"sweep of '{axis}' needs a list of {len(axis.split(JOIN))} values for each point")
+    """ValueError if an axis has no value, or one that cannot be, or if a key is on two axes."""
     if twice := [key for key, n in Counter(keys(sweep)).items() if n > 1]:
         raise ValueError(f"sweep: '{twice[0]}' is on two axes; drop one")
-    tables = [(axis, value) for axis, values in sweep.items() for value in values if isinstance(value, Mapping)]
-    if tables:
-        axis, table = tables[0]
-        key = next(iter(table), "key")
-        raise ValueError(f"sweep of '{axis}' has a table, by which cells have no name; sweep '{axis}.{key}' instead")
-    each = [(axis, value if JOIN in axis else [value]) for axis, values in sweep.items() for value in values]
-    if absent := [axis for axis, values in each if None in values]:
-        raise ValueError(f"sweep of '{absent[0]}' has None, which the file of a study cannot hold; leave it out")
     for axis, values in sweep.items():
-        said = [json.dumps(value, default=str) for value in values]
-        if twice := [one for one, n in Counter(said).items() if n > 1]:
-            raise ValueError(f"sweep of '{axis}' has {twice[0]} twice, which would count as two; drop one")
+        _check_values(axis, values)
     if math.prod(map(len, sweep.values())) > MOST_POINTS:
         raise ValueError(f"the sweep has more than {MOST_POINTS:,} points; drop values or axes")
     if not all(isinstance(seed, int) and seed >= 0 for seed in sweep.get("seed", [])):
         raise ValueError("sweep.seed must be whole numbers >= 0")
+
+
+def _check_values(axis: str, values: list[Any]) -> None:
+    """ValueError if there is none, a point of another size than its axis, a table, None, or a value twice."""
+    n = len(axis.split(JOIN))
+    if not values:
+        raise ValueError(f"sweep of '{axis}' has no value")
+    if n > 1 and any(not isinstance(value, list) or len(value) != n for value in values):
+        raise ValueError(f"sweep of '{axis}' needs a list of {n} values for each point")
+    if tables := [value for value in values if isinstance(value, Mapping)]:
+        key = next(iter(tables[0]), "key")
+        raise ValueError(f"sweep of '{axis}' has a table, by which cells have no name; sweep '{axis}.{key}' instead")
+    if any(None in (value if n > 1 else [value]) for value in values):
+        raise ValueError(f"sweep of '{axis}' has None, which the file of a study cannot hold; leave it out")
+    said = Counter(json.dumps(value, default=str) for value in values)
+    if twice := [value for value, times in said.items() if times > 1]:
+        raise ValueError(f"sweep of '{axis}' has {twice[0]} twice, which would count as two; drop one")
 
 
 def points(sweep: Mapping[str, list[Any]]) -> Iterator[dict[str, Any]]:
