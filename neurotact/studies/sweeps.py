@@ -41,9 +41,10 @@ def _check_values(axis: str, values: list[Any]) -> None:
         raise ValueError(f"sweep of '{axis}' has a table, by which cells have no name; sweep '{axis}.{key}' instead")
     if any(None in (value if n > 1 else [value]) for value in values):
         raise ValueError(f"sweep of '{axis}' has None, which the file of a study cannot hold; leave it out")
-    said = Counter(json.dumps(value, default=str) for value in values)
+    plain = (value[0] if isinstance(value, list) and len(value) == 1 else value for value in values)
+    said = Counter(json.dumps(value, default=str) for value in plain)
     if twice := [value for value, times in said.items() if times > 1]:
-        raise ValueError(f"sweep of '{axis}' has {twice[0]} twice, which would count as two; drop one")
+        raise ValueError(f"sweep of '{axis}' has {twice[0]} twice; drop one")
 
 
 def points(sweep: Mapping[str, list[Any]]) -> Iterator[dict[str, Any]]:

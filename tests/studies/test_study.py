@@ -101,7 +101,7 @@ def test_an_axis_of_several_keys_replaces_those_of_each():
         ({"sweep.seed": []}, "sweep of 'seed' has no value"),
         ({"sweep.seed": [-1]}, "sweep.seed must be whole numbers >= 0"),
         ({"sweep.encoder.sa1.t_ref_ms & seed": [[5, 0], [1, 1]]}, "'encoder.sa1.t_ref_ms' is on two axes; drop one"),
-        ({"sweep.seed": [0, 1, 0]}, "sweep of 'seed' has 0 twice, which would count as two; drop one"),
+        ({"sweep.seed": [0, 1, 0]}, "sweep of 'seed' has 0 twice; drop one"),
         ({"sweep.encoder.ra1.t_ref_ms & encoder.sa1.t_ref_ms": [[1, 1], [1, 1]]}, "has [1, 1] twice"),
         (
             {"sweep.encoder.conditioning.ema_cutoff_Hz": [None, 50]},
