@@ -1,7 +1,7 @@
 """The first screen of a report: the answer, its table and warnings, from the files of a run."""
 
 from collections import Counter
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence, Set
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -32,6 +32,7 @@ from neurotact.report import answer as answers
 from neurotact.report import first_screen, period_choice, periods, robustness, sentences, under_prices
 from neurotact.report.answer import Answer, Baseline, Decision, Network, OfNetworks, Trials
 from neurotact.report.page import Figure, Table
+from neurotact.report.tables import first_spikes
 from neurotact.report.wording import energy
 from neurotact.studies import automatic
 from neurotact.studies.cell import task_of
@@ -355,13 +356,17 @@ def in_integers(tables: Mapping[str, pd.DataFrame], setting: str, network: Netwo
     return _known(own[f"accuracy_test{opponents.ROUNDED}"].mean())
 
 
-def sides_of(trains: SpikeTrains | None, cells: Sequence[Cell], counts: Sequence[int]) -> Sides:
-    """The numbers of trials of the spike trains; if those are missing, of test windows instead.
+def sides_of(
+    trains: SpikeTrains | None, cells: Sequence[Cell], counts: Sequence[int], tested: Set[int] = frozenset()
+) -> Sides:
+    """The numbers of trials of the spike trains; if those are missing, of tested trials, or else of test windows.
 
     cells: one per split; a trial that several of them test counts once, and so do copies. counts: their test windows of
-    each class.
+    each class. tested: the trials of these windows, which are fewer than the split's where some are shorter than a
+    window; none if they are unknown.
     """
-    without = Sides(Trials(sum(counts), sum(counts)), {str(index): n for index, n in enumerate(counts)})
+    n = len(tested) or sum(counts)
+    without = Sides(Trials(n, n), {str(index): windows for index, windows in enumerate(counts)})
     if trains is None:
         return without
     try:
@@ -371,6 +376,7 @@ def sides_of(trains: SpikeTrains | None, cells: Sequence[Cell], counts: Sequence
     labels = trains.conditions["label"].astype(str).to_numpy()
     distinct = copies_of(trains).distinct
     train, validation, test = (distinct(np.unique(np.concatenate(side))) for side in zip(*parts, strict=True))
+    test = np.array([*tested]) if tested and max(tested) < len(labels) else test
     known, tests = Counter(labels[train]), Counter(labels[test])
     return Sides(Trials(len(validation), len(test)), {label: tests[label] for label in sorted(known)})
 
@@ -392,14 +398,17 @@ def fronts(
     """
     narrow_tables = rounded(tables)
     for setting, rows in results.groupby("setting", sort=False):
-        first_of_splits = [group[0] for group in by_split(done[index] for index in rows.index if index < len(done))]
-        if not first_of_splits:
+        own = [done[index] for index in rows.index if index < len(done)]
+        if not own:
             continue
-        confusions = [result_of(folder, cell)["confusion"] for cell in first_of_splits]
-        counts = np.array(confusions).sum(axis=(0, 2)).tolist()
-        sides = sides_of(trains, first_of_splits, counts)
+        # a sweep of the simulation has other trials, whose numbers may differ
+        known = trains if own[0].source == done[0].source else first_spikes(folder, own)
+        first_of_splits = [group[0] for group in by_split(own)]
+        left = [result_of(folder, cell) for cell in first_of_splits]
+        counts = np.array([one["confusion"] for one in left]).sum(axis=(0, 2)).tolist()
+        sides = sides_of(known, first_of_splits, counts, {int(trial) for one in left for trial in one.get("right", ())})
         guess = max(1 / len(counts), max(counts) / max(1, sum(counts)))
-        unranked = untold(first_of_splits, trains)
+        unranked = untold(first_of_splits, known)
         networks = networks_of(rows, split_columns(study))
         if not unranked:  # else validation trials have not the condition of the test, and bound no loss there
             tolerance = first_of_splits[0].early_exit.tolerance
@@ -418,7 +427,7 @@ def fronts(
             lost += sentences.where_lost(answer, [*_of_afferents(study.encoder)])
         cheapest = robustness.of_network(rows, answer.cheapest).index
         made_by = [one for index in cheapest if index < len(afferents) and (one := afferents[index]) is not None]
-        classes = robustness.by_class(folder, cells_of(done, rows, answer.best), trains)
+        classes = robustness.by_class(folder, cells_of(done, rows, answer.best), known)
         words = [
             sentences.of_starts(answer),
             *robustness.sentence(of_setting(tables, robustness.REMEDIES, str(setting)), answer.best),
@@ -434,7 +443,7 @@ def fronts(
         represented = [representative(rows, network) for network in networks]
         period, then = "", ("", ())
         if found is not None:
-            run = _OfRun(study, folder, done, rows, trains)
+            run = _OfRun(study, folder, done, rows, known)
             period, then = run.period(answer, sides, first_of_splits, unranked, sample_ms)
         yield Front(
             str(setting),

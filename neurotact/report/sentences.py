@@ -418,7 +418,7 @@ def _saved(before: Decision, after: Decision) -> str:
         return said
     # Conditioning and encoding cost the same for any number of spikes: energy falls by less than SOPs.
     less = 1 - after.nJ / before.nJ
-    spent = f"{100 * abs(less):.2g} % {'less' if less >= 0 else 'more'} energy"
+    spent = f"{count(100 * abs(less), 2)} % {'less' if less >= 0 else 'more'} energy"
     return f"{spent}, although {said}" if less >= 0 > change else f"{said} and {spent}"
 
 

@@ -2,6 +2,7 @@
 
 import json
 import math
+from collections import Counter
 from collections.abc import Iterator, Mapping
 from itertools import product
 from pathlib import Path
@@ -17,28 +18,33 @@ JOIN = " & "
 
 
 def check(sweep: Mapping[str, list[Any]]) -> None:
-    """ValueError if an axis has no value, or a point of a joint axis has too few or too many."""
+    """ValueError if an axis has no value, or one that cannot be, or if a key is on two axes."""
+    if twice := [key for key, n in Counter(keys(sweep)).items() if n > 1]:
+        raise ValueError(f"sweep: '{twice[0]}' is on two axes; drop one")
     for axis, values in sweep.items():
-        if not values:
-            raise ValueError(f"sweep of '{axis}' has no value")
-        if any(not isinstance(v, list) or len(v) != len(axis.split(JOIN)) for v in values if JOIN in axis):
-            raise ValueError(f"sweep of '{axis}' needs a list of {len(axis.split(JOIN))} values for each point")
-    for axis, values in sweep.items():
-        plain = [json.dumps(value[0] if isinstance(value, list) and len(value) == 1 else value) for value in values]
-        if twice := [value for n, value in enumerate(plain) if value in plain[:n]]:
-            raise ValueError(f"sweep of '{axis}' has {twice[0]} twice; drop one")
-    tables = [(axis, value) for axis, values in sweep.items() for value in values if isinstance(value, Mapping)]
-    if tables:
-        axis, table = tables[0]
-        key = next(iter(table), "key")
-        raise ValueError(f"sweep of '{axis}' has a table, by which cells have no name; sweep '{axis}.{key}' instead")
-    each = [(axis, value if JOIN in axis else [value]) for axis, values in sweep.items() for value in values]
-    if absent := [axis for axis, values in each if None in values]:
-        raise ValueError(f"sweep of '{absent[0]}' has None, which the file of a study cannot hold; leave it out")
+        _check_values(axis, values)
     if math.prod(map(len, sweep.values())) > MOST_POINTS:
         raise ValueError(f"the sweep has more than {MOST_POINTS:,} points; drop values or axes")
     if not all(isinstance(seed, int) and seed >= 0 for seed in sweep.get("seed", [])):
         raise ValueError("sweep.seed must be whole numbers >= 0")
+
+
+def _check_values(axis: str, values: list[Any]) -> None:
+    """ValueError if there is none, a point of another size than its axis, a table, None, or a value twice."""
+    n = len(axis.split(JOIN))
+    if not values:
+        raise ValueError(f"sweep of '{axis}' has no value")
+    if n > 1 and any(not isinstance(value, list) or len(value) != n for value in values):
+        raise ValueError(f"sweep of '{axis}' needs a list of {n} values for each point")
+    if tables := [value for value in values if isinstance(value, Mapping)]:
+        key = next(iter(tables[0]), "key")
+        raise ValueError(f"sweep of '{axis}' has a table, by which cells have no name; sweep '{axis}.{key}' instead")
+    if any(None in (value if n > 1 else [value]) for value in values):
+        raise ValueError(f"sweep of '{axis}' has None, which the file of a study cannot hold; leave it out")
+    plain = (value[0] if isinstance(value, list) and len(value) == 1 else value for value in values)
+    said = Counter(json.dumps(value, default=str) for value in plain)
+    if twice := [value for value, times in said.items() if times > 1]:
+        raise ValueError(f"sweep of '{axis}' has {twice[0]} twice; drop one")
 
 
 def points(sweep: Mapping[str, list[Any]]) -> Iterator[dict[str, Any]]:
@@ -71,7 +77,10 @@ def keys(sweep: Mapping[str, list[Any]]) -> list[str]:
 
 
 def unswept(sweep: dict[str, Any], overrides: Mapping[str, Any], path: Path) -> dict[str, Any]:
-    """Turn overrides of swept keys into sweeps of one value, in `sweep`; return the other overrides."""
+    """Turn overrides of swept keys into sweeps of one value, in `sweep`; return the other overrides.
+
+    An axis replaces those of some of its keys.
+    """
     if not isinstance(sweep, dict):
         raise InputError(f"sweep: must be a table; got {sweep!r} ({path})")
     others = {}
@@ -85,7 +94,10 @@ def unswept(sweep: dict[str, Any], overrides: Mapping[str, Any], path: Path) -> 
                 f"`settings={{'{SWEEP}{joint[0]}': {points}}}`"
             )
         if key.startswith(SWEEP):
-            sweep[key.removeprefix(SWEEP)] = value
+            axis = key.removeprefix(SWEEP)
+            for other in [one for one in sweep if one != axis and {*one.split(JOIN)} < {*axis.split(JOIN)}]:
+                del sweep[other]  # its values are now joined with others
+            sweep[axis] = value
         elif key in sweep:
             sweep[key] = [value]
         else:

@@ -186,7 +186,8 @@ def test_early_exit_and_energy_are_told_of_the_cheapest():
 def test_whole_windows_are_used_where_validation_does_not_bound_the_loss_of_early_exit(accuracy):
     """Whatever it loses on test trials, nothing included."""
     early = Decision(accuracy, 500.0, 420.0, 40.0, 200.0)
-    for bound, words in ((None, "what it may lose is not known."), (0.2, "it may lose up to 20 points, of which 1 is")):
+    known = {bound: f"it may lose up to {100 * bound:.0f} points, of which 1 is" for bound in (0.2, 1.0)}
+    for bound, words in {None: "what it may lose is not known.", **known}.items():
         spiking = network(early=early, nJ=390.0)._replace(exit_bound=bound)
         found = answer([spiking], [], 0.25, TRIALS)
         assert found.best.used == found.best.whole
@@ -206,6 +207,11 @@ def test_fewer_operations_that_save_no_energy_are_not_sold_as_savings():
     assert "20 % fewer SOPs (800 against 1,000) and 0.34 % less energy" in next(
         details(answer([best, near], [], 0.25, TRIALS))
     )
+
+
+def test_nearly_all_energy_that_is_saved_is_told_without_an_exponent():
+    best, near = network("1&1", sops=1000, nJ=590.0), network("5&5", validation=0.89, sops=2, nJ=1.0)
+    assert "and 100 % less energy" in next(details(answer([best, near], [], 0.25, TRIALS)))
 
 
 def test_what_is_lost_is_divided_between_encoding_and_network():

@@ -18,7 +18,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from in_process import without_pictures
 from levels import thinned
-from made_run import GRATINGS, SUBSETS, grating_conditions, make_run, row_of
+from made_run import GRATINGS, SUBSETS, grating_conditions, make_run, make_trains, row_of
 
 import neurotact as nt
 from neurotact.data.hdf5 import load_spikes
@@ -474,6 +474,19 @@ def test_what_copies_gain_is_told_of_each_data_set_apart(tmp_path):
     said = [line for one in answers for line in one["details"] if line.startswith("At untrained conditions")]
     assert ["80.0 %" in said[0], "40.0 %" in said[1]] == [True, True]
     assert "60.0" not in "".join(said)
+
+
+@pytest.mark.usefixtures("text_alone")
+def test_trials_are_those_of_the_recordings_of_each_answer(tmp_path, monkeypatch):
+    """A sweep of the simulation may make more trials, of which more are tested."""
+    sweep = {"dataset.parameters.trials": [4, 8], "network.hidden": [20]}
+    what = make_study(sweep=sweep, claims=(), dataset={**GRATINGS, "subsets": {"mixed": {}}})
+    make_run(what, tmp_path, grating_conditions(trials=4))
+    more = make_trains(grating_conditions(trials=8), next(study.cells(what)), 400.0, 0.6, False)
+    monkeypatch.setattr(front, "first_spikes", lambda _, own: more if own[0].source["parameters"]["trials"] == 8 else 0)
+    networks.write(what, tmp_path)
+    one, other = (answer["test_trials"] for answer in read_json(tmp_path / "answer.json")["answers"])
+    assert one < other
 
 
 def test_a_folder_without_results_is_refused(tmp_path):

@@ -22,8 +22,13 @@ def test_copies_count_once(monkeypatch):
     monkeypatch.setattr(front.tasks, "trials_of", lambda trains, split: split)
     sides = front.sides_of(trains, [SimpleNamespace(split=split) for split in splits], [5, 5])
     assert (sides.trials.validation, sides.trials.test) == (9, 10)
+    fewer = front.sides_of(trains, [SimpleNamespace(split=split) for split in splits], [5, 5], {0, 1, 2, 3, 16, 18})
+    assert (fewer.trials.validation, fewer.trials.test) == (9, 6)
+    assert fewer.tested == {"felt": 4, "silk": 2}
 
 
 def test_without_the_trains_the_test_trials_stand_for_them():
     sides = front.sides_of(None, [], [5, 7])
     assert (sides.trials.validation, sides.trials.test) == (12, 12)
+    windows = front.sides_of(None, [], [50, 70], {*range(12)})
+    assert (windows.trials.validation, windows.trials.test) == (12, 12)

@@ -84,6 +84,13 @@ def test_only_the_encoder_decides_which_spike_trains_a_cell_needs():
     assert len({c.spikes_name for c in study.cells(resolve())}) == 2
 
 
+def test_an_axis_of_several_keys_replaces_those_of_each():
+    joined = study.resolve(TINY, {"sweep.network.hidden & seed": [[4, 0], [5, 1]]})
+    assert "network.hidden" not in joined.sweep
+    assert {(cell.network.hidden, cell.seed) for cell in study.cells(joined)} == {(4, 0), (5, 1)}
+    assert len({cell.digest() for cell in study.cells(joined)}) == len([*study.cells(joined)])
+
+
 @pytest.mark.parametrize(
     ("overrides", "message"),
     [
@@ -93,6 +100,9 @@ def test_only_the_encoder_decides_which_spike_trains_a_cell_needs():
         ({"sweep.dataset": ["v3"]}, "'v3' is not a subset"),
         ({"sweep.seed": []}, "sweep of 'seed' has no value"),
         ({"sweep.seed": [-1]}, "sweep.seed must be whole numbers >= 0"),
+        ({"sweep.encoder.sa1.t_ref_ms & seed": [[5, 0], [1, 1]]}, "'encoder.sa1.t_ref_ms' is on two axes; drop one"),
+        ({"sweep.seed": [0, 1, 0]}, "sweep of 'seed' has 0 twice; drop one"),
+        ({"sweep.encoder.ra1.t_ref_ms & encoder.sa1.t_ref_ms": [[1, 1], [1, 1]]}, "has [1, 1] twice"),
         (
             {"sweep.encoder.conditioning.ema_cutoff_Hz": [None, 50]},
             "ema_cutoff_Hz' has None, which the file of a study",

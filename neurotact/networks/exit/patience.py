@@ -324,8 +324,10 @@ def in_words(bound: float, tolerance: float) -> str:
 
     >>> in_words(0.095, 0.01)
     'it may lose up to 9.5 points, of which 1 is allowed (95 % bound from validation trials that did not choose it)'
+    >>> in_words(1.0, 0.01)[:29]
+    'it may lose up to 100 points,'
     """
     return (
-        f"it may lose up to {100 * bound:.2g} points, of which {100 * tolerance:.3g} is allowed "
+        f"it may lose up to {float(f'{100 * bound:.2g}'):g} points, of which {100 * tolerance:.3g} is allowed "
         f"({100 * CONFIDENCE:.0f} % bound from validation trials that did not choose it)"
     )
