@@ -5,6 +5,7 @@ Other rooms take:
     automatic: FOLDS, TESTED, WORDS
     cell: RIGHT_SEEN, SEARCH, Searched, task_of
     encoding_tables: TOUCH, periods, read_encoding
+    executors: modules
     loading: Study, choice_changes, engine_of, resolve
     measures: INTEGERS, Measure, RECONSTRUCTION, requested
     networks: ENGINE
