@@ -16,6 +16,7 @@ from neurotact.data import hdf5
 from neurotact.data.augmentation import check_taxels
 from neurotact.data.conditioning import conditioned_length
 from neurotact.data.dataset import DatasetSpec, expand, load_recordings, until
+from neurotact.data.digests import content_digest
 from neurotact.data.recordings import Recordings
 from neurotact.data.spikes import SpikeTrains
 from neurotact.data.windows import check_fit
@@ -258,13 +259,20 @@ def _content(recordings: Recordings) -> str:
     return content.hexdigest()
 
 
+def _all_of(recordings: Recordings) -> str:
+    """A digest of the trials with their rate, unit, lengths and taxels, and of their marks."""
+    marks = None if recordings.marks is None else recordings.marks.astype(str).to_csv(index=False)
+    return digest([content_digest(recordings), marks])
+
+
 def _check_unchanged(folder: Path, recordings: Recordings, before: Mapping[str, Any] | None, source: str | None) -> str:
     """The hash of the recordings, which must be the same as at the start of the study; writes data.json.
 
     before: the earlier content of data.json; None if it is missing or damaged. source: of `_source`.
     """
     entry = {"sha256": _content(recordings), "trials": len(recordings), "classes": list(recordings.classes)}
-    if before is not None and {key: before[key] for key in entry} != entry:
+    entry["digest"] = _all_of(recordings)  # of a run of an earlier version it is unknown
+    if before is not None and {key: before.get(key, entry["digest"]) for key in entry} != entry:
         raise InputError(f"{folder}: the recordings changed since this study began; run it in another folder")
     write_json(folder / DATA, entry | ({"source": source} if source is not None else {}))
     store.seal(folder, [DATA])
