@@ -161,7 +161,7 @@ def _encode(folder: Path, study: StudySpec, cells: list[Cell], recordings: Recor
         with store.timed(folder, "calibrate"):
             encoder = encoder_of(cell, recordings, calibrated)
         with store.timed(folder, "encode"):
-            trains = spikes_of(cell, recordings, encoder)
+            trains = spikes_of(cell, recordings, encoder, cells)
             table = encoding_tables.encoding_table(trains, cell, study.dataset.stratify)
             write_table(table, target / f"{cell.spikes_name}.csv")
             if not any(one.needs_whole_trials for one in measures.requested(study.measures).values()):
@@ -238,9 +238,12 @@ def encoder_of(
     return with_t_refs(fitted(start, cell.spikes_per_s), cell.encoder)
 
 
-def spikes_of(cell: Cell, recordings: Recordings, encoder: EncoderSpec) -> SpikeTrains:
-    """The spikes of a cell's trials and of their varied copies. encoder: of `encoder_of`."""
-    copied = tables_beside.copied_part(recordings, cell)
+def spikes_of(cell: Cell, recordings: Recordings, encoder: EncoderSpec, cells: Iterable[Cell] = ()) -> SpikeTrains:
+    """The spikes of a cell's trials and of their varied copies. encoder: of `encoder_of`.
+
+    cells: all of these recordings, whose windows may differ.
+    """
+    copied = tables_beside.copied_part(recordings, cell, *cells)
     progress = counting("encode", len(recordings))
     return encode_recordings(recordings, encoder, progress, augmentation=cell.augmentation, copied=copied)
 

@@ -447,6 +447,12 @@ def to_toml(study: Spec) -> str:
 
 def cells(study: StudySpec) -> Iterator[Cell]:
     """The cells in the order of the sweep: the first axis is the slowest."""
+    every = [*_each_cell(study)]
+    encoded_ms = None if study.past_windows else reach_ms(*every)  # windows that are swept share their spikes
+    return (cell.model_copy(update={"encoded_ms": encoded_ms}) for cell in every)
+
+
+def _each_cell(study: StudySpec) -> Iterator[Cell]:
     search = _searched(study)
     base = {
         "source": study.dataset.identity(),
@@ -479,7 +485,6 @@ def cells(study: StudySpec) -> Iterator[Cell]:
         cell = specs.build(Cell, specs.override(base, chosen), source=f"sweep of {study.title}")
         cell = _augmented(cell)
         balancing.columns_of(cell.balance, cell.split, cell.source["stratify"], balancing.SETTINGS)
-        cell = cell.model_copy(update={"encoded_ms": None if study.past_windows else reach_ms(cell)})
         _check_source(cell, study)
         yield cell
 
@@ -498,8 +503,13 @@ def _augmented(cell: Cell) -> Cell:
     return cell
 
 
-def reach_ms(cell: Cell) -> float | None:
-    """Where the last window of a cell ends; None if this depends on the trial."""
+def reach_ms(*cells: Cell) -> float | None:
+    """Where the last window of some cells ends; None if this depends on the trial."""
+    ends_ms = [end_ms for cell in cells if (end_ms := _end_ms(cell)) is not None]
+    return max(ends_ms) if len(ends_ms) == len(cells) else None
+
+
+def _end_ms(cell: Cell) -> float | None:
     window = cell.window
     if cell.network is None or window.per_trial is None or window.align != "trial":
         return None
