@@ -277,6 +277,9 @@ def resolve(
     data: the file of recordings of a study that names none.
     """
     path, overridden, keys = specs.find(StudySpec.folder, name), overrides or {}, StudySpec.model_fields
+    own_axes = sweeps.keys({key.removeprefix(sweeps.SWEEP): [] for key in overridden if key.startswith(sweeps.SWEEP)})
+    for key in (key for key in own_axes if key in overridden):
+        raise InputError(f"{key}: is set and swept; give its value, or its values as `{sweeps.SWEEP}{key}`")
     is_shipped = not (overrides or quick) and path in specs.shipped(StudySpec.folder)
     table = automatic.table_of(path)
     table |= {key: automatic.placed(table[key], path) for key in ("dataset",) if key in table}
@@ -304,7 +307,8 @@ def resolve(
     _with_every_encoder(table["sweep"])
     open_periods = automatic.closed_periods(table["sweep"])
     values = {key: value for key, value in overrides.items() if key not in axes}
-    table = specs.override(table, sweeps.unswept(table["sweep"], values, path))
+    first = {key: values.pop(key) for key in own_axes if key in values}  # what the file sets does not end a sweep
+    table = specs.override(table, {**first, **sweeps.unswept(table["sweep"], values, path)})
     table = automatic.with_file(table, data, path)
     table |= {key: automatic.placed(table[key], Path("set")) for key in ("dataset",) if key in table}  # of `overrides`
     search = table.get("search", {})

@@ -35,6 +35,19 @@ def test_an_override_of_a_swept_key_ends_its_sweep():
     assert {c.network.hidden for c in study.cells(resolve(network__hidden=9))} == {9}
 
 
+@pytest.mark.parametrize("key", ["network.hidden", "network.training.epochs"])
+def test_a_sweep_of_the_user_is_not_ended_by_a_value_of_the_file(key):
+    """`[quick]` has one number of hidden neurons, `[set]` one of epochs."""
+    whole = study.resolve(TINY, {f"sweep.{key}": [5, 8]}, quick=True)
+    assert whole.sweep[key] == [5, 8]
+    assert {study.value_at(cell, key) for cell in study.cells(whole)} == {5, 8}
+
+
+def test_a_key_that_is_set_and_swept_is_refused():
+    with pytest.raises(InputError, match=r"network\.hidden: is set and swept; give its value, or its values as"):
+        study.resolve(TINY, {"network.hidden": 5, "sweep.network.hidden & seed": [[5, 0], [8, 1]]})
+
+
 @pytest.mark.parametrize(
     ("key", "values"),
     [
