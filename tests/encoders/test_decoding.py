@@ -93,10 +93,7 @@ def test_a_finer_threshold_lets_more_survive():
 
 def test_taxels_in_another_order_change_nothing_that_survives():
     """The offsets and scales of an encoder are of named taxels."""
-    skin = touches()
-    named = Recordings(
-        skin.signals, skin.sampling_rate_Hz, skin.unit, skin.conditions, [*"abcdefgh"][: skin.n_channels]
-    )
+    named = replace(touches(), channels=("left", "middle", "right"))
     how = {"offset": range(named.n_channels), "scale": range(1, 1 + named.n_channels), "taxels": named.channels}
     encoder = load("step-forward", {f"conditioning.{key}": [*values] for key, values in how.items()})
     back = [*reversed(range(named.n_channels))]
