@@ -59,14 +59,14 @@ T_REF = "t_ref_ms"
 OWN = "own"
 EVERY, LONGER_MS = "every", 10.0
 """In place of the values of `encoder & t_ref_ms`: every model that is compared, with its own period and with this."""
-OF_SPIKES = ("encoder", "spikes_per_s")
-"""Keys of a sweep that decide spikes, besides those that begin with `encoder.`."""
 CHOICES = {
     "choose_ema": f"{calibration_keys.CONDITIONING}.ema_cutoff_Hz",
     "choose_opposite": "encoder.sa1.opposite",
     "choose_grades": "encoder.sa1.grades",
 }
 """Keys of a study that let calibration choose a key of the encoder, and this key."""
+OF_SPIKES = ("encoder", "spikes_per_s", *CHOICES)
+"""Keys of a sweep that decide spikes, besides those that begin with `encoder.`."""
 log = logging.getLogger("neurotact")
 PAIR = f"encoder.ra1.t_ref_ms{sweeps.JOIN}encoder.sa1.t_ref_ms"
 
@@ -533,6 +533,7 @@ def _void_keys(cell: Cell) -> dict[str, str]:
         **{f"split.{key.removeprefix('split.')}": why for key, why in split.items()},
         **_void_in_copies(cell.augmentation),
         **({"balance": without} if cell.network is None else {}),
+        "search.seed": "has no effect in a study, which draws that of each cell's search from `seed`; leave it out",
         **{f"network.{key}": why for key, why in network.items()},
     }
 

@@ -43,6 +43,21 @@ def test_a_sweep_of_the_user_is_not_ended_by_a_value_of_the_file(key):
     assert {study.value_at(cell, key) for cell in study.cells(whole)} == {5, 8}
 
 
+def test_choices_of_calibration_that_are_swept_tell_encoders_apart():
+    whole = study.resolve(TINY, {"calibrate": True, "sweep.choose_ema": [False, True]})
+    assert len({cell.spikes_name for cell in study.cells(whole) if cell.encoder.sa1.t_ref_ms == 1}) == 2
+    assert study.encoder_columns(whole) == ["choose_ema"]
+
+
+def test_the_seed_of_a_search_is_refused_in_a_study():
+    """Each cell draws its own, so that cells of other seeds search apart."""
+    space = {"search.space": {"training.batch": {"_type": "choice", "_value": [4, 8]}}}
+    assert study.resolve(TINY, space).search is not None
+    for key, value in (("search.seed", 3), ("sweep.search.seed", [3, 4])):
+        with pytest.raises(InputError, match=r"search\.seed: has no effect in a study"):
+            study.resolve(TINY, {**space, key: value})
+
+
 def test_a_key_that_is_set_and_swept_is_refused():
     with pytest.raises(InputError, match=r"network\.hidden: is set and swept; give its value, or its values as"):
         study.resolve(TINY, {"network.hidden": 5, "sweep.network.hidden & seed": [[5, 0], [8, 1]]})
