@@ -214,17 +214,16 @@ def encoder_of(
     if cell.calibrate is None:
         return cell.encoder
     known, task = cell.subset if cell.test_every_condition else {}, task_of(cell)
-    apart = tuple(cell.split.test_where) if between else ()
+    choices: dict[str, Any] = {choice: getattr(cell, choice) for choice in CHOICES}
+    choices["apart"] = tuple(cell.split.test_where) if between else ()
 
     def fitted(start: EncoderSpec, spikes_per_s: float | None) -> EncoderSpec:
-        key = digest([start.model_dump(mode="json"), cell.split.model_dump(), known, spikes_per_s])
+        key = digest([start.model_dump(mode="json"), cell.split.model_dump(), known, spikes_per_s, choices])
         if key not in calibrated:
             training = to_calibrate(recordings, task, known)
             if cell.split.folds:  # each fold has its own encoder, and its notes name the fold
                 training = replace(training, source=f"{recordings.source}, fold {cell.split.fold}")
-            fit, times = calibration_for(
-                start, {}, **{choice: getattr(cell, choice) for choice in CHOICES}, apart=apart
-            )
+            fit, times = calibration_for(start, {}, **choices)
             rule = CalibrationRule(spikes_per_s=spikes_per_s)
             progress = counting("calibrate", times * rule.candidates)
             calibrated[key] = fit(training, start, rule=rule, tell=tell, progress=progress).encoder
