@@ -26,6 +26,7 @@ from neurotact.encoders.specs import is_exact, pays_exact
 from neurotact.errors import InputError, nearest
 from neurotact.lazily import lazily
 from neurotact.metrics.prices import MEMORY_45NM, PriceList, price_list
+from neurotact.networks.definition import clock
 from neurotact.networks.definition import space as spaces
 from neurotact.networks.definition.learned import Balance
 from neurotact.networks.definition.seeds import of_start
@@ -487,7 +488,9 @@ def _each_cell(study: StudySpec) -> Iterator[Cell]:
         if study.calibrate:
             chosen |= calibration_keys.start(point)
         cell = specs.build(Cell, specs.override(base, chosen), source=f"sweep of {study.title}")
-        cell = _augmented(cell)
+        cell, clock_Hz = _augmented(cell), (cell.calibrate or cell.encoder).conditioning.resample_Hz
+        if cell.network is not None and clock_Hz is not None:
+            clock.steps_per_bin(cell.network.step_ms, clock_Hz, "network.step_ms")
         balancing.columns_of(cell.balance, cell.split, cell.source["stratify"], balancing.SETTINGS)
         _check_source(cell, study)
         yield cell

@@ -49,6 +49,18 @@ def test_choices_of_calibration_that_are_swept_tell_encoders_apart():
     assert study.encoder_columns(whole) == ["choose_ema"]
 
 
+@pytest.mark.parametrize(("clock_Hz", "step_ms"), [(2000.0, 2.5), (400.0, 7.5), (1000.0, 5.0)])
+@pytest.mark.parametrize("network", ["rsnn", "default"])
+def test_a_step_of_the_network_is_whole_on_the_clock_of_its_own_encoder(network, clock_Hz, step_ms):
+    keys = {"network": network, "encoder.conditioning.resample_Hz": clock_Hz}
+    whole = study.resolve(TINY, {**keys, "network.step_ms": step_ms}, quick=True)
+    assert {cell.network.step_ms for cell in study.cells(whole)} == {step_ms}
+    with pytest.raises(
+        InputError, match=rf"network\.step_ms: 3\.3 ms is not a whole number of steps at {clock_Hz:g} Hz"
+    ):
+        study.resolve(TINY, {**keys, "network.step_ms": 3.3}, quick=True)
+
+
 def test_the_seed_of_a_search_is_refused_in_a_study():
     """Each cell draws its own, so that cells of other seeds search apart."""
     space = {"search.space": {"training.batch": {"_type": "choice", "_value": [4, 8]}}}
