@@ -18,6 +18,7 @@ from neurotact.data.conditioning import condition
 from neurotact.data.recordings import Trials
 from neurotact.data.spikes import populations_of
 from neurotact.encoders.cost import encoding_cost
+from neurotact.encoders.encoding import in_order
 from neurotact.encoders.excerpts import draw, liveliest
 from neurotact.encoders.model import EncoderSpec, of_name
 from neurotact.encoders.specs import (
@@ -89,7 +90,7 @@ def survival_of(recordings: Trials, encoder: EncoderSpec, seed: int = 0) -> Surv
     """
     if len(recordings.classes) < 2:
         raise InputError("recordings: hold one class, and what spikes tell of it is measured; give two or more")
-    rng = np.random.default_rng(seed)
+    rng, recordings = np.random.default_rng(seed), in_order(recordings, encoder)
     drawn, encoder = recordings.select(draw(recordings.labels, PER_CLASS, rng)), with_taxels_of(encoder)
     felt = _felt(drawn, encoder)
     recorded = recorded_at(encoder, recordings.sampling_rate_Hz, recordings.channels)

@@ -82,7 +82,7 @@ def _conditioned(recordings: Recordings, trials: np.ndarray, trains: SpikeTrains
     """The signals of trials as their encoder received them, `(time, taxel)`, from `start_s` on."""
     how = build(ConditioningSpec, trains.encoder.get("conditioning", {}), "the encoder of the spikes")
     how = how.model_copy(update={"resample_Hz": trains.sampling_rate_Hz})  # also where the encoder took samples
-    chosen = recordings.select(trials)
+    chosen = recordings.select(trials).in_order(how.taxels)
     if how.baseline not in ACAUSAL:
         last = math.ceil((start_s + LONGEST_s) * recordings.sampling_rate_Hz) + 1
         chosen = replace(chosen, signals=[signal[:last] for signal in chosen.signals])

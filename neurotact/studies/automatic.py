@@ -263,7 +263,7 @@ def _from_onset(
         return None
     left_s = left_after(recorded.timing.durations_s, begin_s)
     timing = Timing(left_s, recorded.timing.clock_Hz, from_onset=True, classes=recorded.timing.classes)
-    table, notes = window(timing, {**given, f"{WINDOW}per_trial": 1})
+    table, notes = window(timing, {f"{WINDOW}per_trial": 1, **given})
     note = (
         f"Windows start at the onset of contact: touches begin at different times, in {n_late} of {len(begin_s)} "
         "trials after the middle of a window at a fixed time, and at other conditions at others; "

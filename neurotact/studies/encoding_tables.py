@@ -1,6 +1,7 @@
 """The firing of the afferents under each condition: encoding.csv of a study."""
 
 from collections.abc import Iterable
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -36,24 +37,38 @@ def encoding_table(trains: SpikeTrains, cell: Cell, by: Iterable[str]) -> pd.Dat
     In a study that sweeps its windows, the table describes the cell's own windows, as `stretch` says.
     """
     columns = [LABEL, *by]
+    window, onsets = cell.window, trains.begins(cell.window, np.arange(len(trains)))
+    of_touch = trains if onsets is None else _from(trains, onsets)
     # A trial that ends before its window would begin is left out, as `cut` leaves it out.
-    begun = np.flatnonzero(trains.trial_steps > round(cell.window.start_ms * 1e-3 * trains.sampling_rate_Hz))
-    felt = trains.select(begun) if len(begun) else trains
-    touch, whole = firing.touch_spikes(felt, cell.window.start_ms), np.arange(len(felt))
+    begun = np.flatnonzero(of_touch.trial_steps > round(window.start_ms * 1e-3 * trains.sampling_rate_Hz))
+    felt = of_touch.select(begun) if len(begun) else of_touch
+    touch, whole = firing.touch_spikes(felt, window.start_ms), np.arange(len(felt))
+    start = f"{window.start_ms:g} ms{'' if onsets is None else ' after the onset of contact'}"
     if cell.network is None:
-        stretch = f"from {cell.window.start_ms:g} ms to the trial's end"
+        stretch = f"from {start} to the trial's end"
         table = firing.firing_of(felt, touch, whole, columns)
     else:
-        windows = trains.cut(cell.window)
-        stretch = f"windows of {cell.window.length_ms:g} ms from {cell.window.start_ms:g} ms on"
+        windows = trains.cut(window)
+        stretch = f"windows of {window.length_ms:g} ms from {start} on"
         table = firing.firing_of(trains, firing.windowed_spikes(trains, windows), windows.trial, columns)
         if cell.encoded_ms is None:
-            of_touch = firing.firing_of(felt, touch, whole, columns).set_index(columns).add_prefix(TOUCH)
-            table = table.join(of_touch, on=columns)
+            beside = firing.firing_of(felt, touch, whole, columns).set_index(columns).add_prefix(TOUCH)
+            table = table.join(beside, on=columns)
     table.insert(len(columns), "stretch", stretch)
     for column_index, (column, t_ref_ms) in enumerate(periods(cell).items()):
         table.insert(column_index, column, t_ref_ms)
     return table
+
+
+def _from(trains: SpikeTrains, first: np.ndarray) -> SpikeTrains:
+    """The trials from a step of each on, `(trial,)`."""
+    kept = [np.searchsorted(steps, own) for steps, own in zip(trains.steps, first.tolist(), strict=True)]
+    return replace(
+        trains,
+        steps=[steps[n:] - own for steps, n, own in zip(trains.steps, kept, first.tolist(), strict=True)],
+        units=[units[n:] for units, n in zip(trains.units, kept, strict=True)],
+        trial_steps=trains.trial_steps - first,
+    )
 
 
 def read_encoding(path: Path) -> pd.DataFrame:

@@ -16,6 +16,7 @@ from neurotact.data import hdf5
 from neurotact.data.augmentation import check_taxels
 from neurotact.data.conditioning import conditioned_length
 from neurotact.data.dataset import DatasetSpec, expand, load_recordings, until
+from neurotact.data.digests import content_digest
 from neurotact.data.recordings import Recordings
 from neurotact.data.spikes import SpikeTrains
 from neurotact.data.windows import check_fit
@@ -160,7 +161,7 @@ def _encode(folder: Path, study: StudySpec, cells: list[Cell], recordings: Recor
         with store.timed(folder, "calibrate"):
             encoder = encoder_of(cell, recordings, calibrated)
         with store.timed(folder, "encode"):
-            trains = spikes_of(cell, recordings, encoder)
+            trains = spikes_of(cell, recordings, encoder, cells)
             table = encoding_tables.encoding_table(trains, cell, study.dataset.stratify)
             write_table(table, target / f"{cell.spikes_name}.csv")
             if not any(one.needs_whole_trials for one in measures.requested(study.measures).values()):
@@ -213,17 +214,16 @@ def encoder_of(
     if cell.calibrate is None:
         return cell.encoder
     known, task = cell.subset if cell.test_every_condition else {}, task_of(cell)
-    apart = tuple(cell.split.test_where) if between else ()
+    choices: dict[str, Any] = {choice: getattr(cell, choice) for choice in CHOICES}
+    choices["apart"] = tuple(cell.split.test_where) if between else ()
 
     def fitted(start: EncoderSpec, spikes_per_s: float | None) -> EncoderSpec:
-        key = digest([start.model_dump(mode="json"), cell.split.model_dump(), known, spikes_per_s])
+        key = digest([start.model_dump(mode="json"), cell.split.model_dump(), known, spikes_per_s, choices])
         if key not in calibrated:
             training = to_calibrate(recordings, task, known)
             if cell.split.folds:  # each fold has its own encoder, and its notes name the fold
                 training = replace(training, source=f"{recordings.source}, fold {cell.split.fold}")
-            fit, times = calibration_for(
-                start, {}, **{choice: getattr(cell, choice) for choice in CHOICES}, apart=apart
-            )
+            fit, times = calibration_for(start, {}, **choices)
             rule = CalibrationRule(spikes_per_s=spikes_per_s)
             progress = counting("calibrate", times * rule.candidates)
             calibrated[key] = fit(training, start, rule=rule, tell=tell, progress=progress).encoder
@@ -237,9 +237,12 @@ def encoder_of(
     return with_t_refs(fitted(start, cell.spikes_per_s), cell.encoder)
 
 
-def spikes_of(cell: Cell, recordings: Recordings, encoder: EncoderSpec) -> SpikeTrains:
-    """The spikes of a cell's trials and of their varied copies. encoder: of `encoder_of`."""
-    copied = tables_beside.copied_part(recordings, cell)
+def spikes_of(cell: Cell, recordings: Recordings, encoder: EncoderSpec, cells: Iterable[Cell] = ()) -> SpikeTrains:
+    """The spikes of a cell's trials and of their varied copies. encoder: of `encoder_of`.
+
+    cells: all of these recordings, whose windows may differ.
+    """
+    copied = tables_beside.copied_part(recordings, cell, *cells)
     progress = counting("encode", len(recordings))
     return encode_recordings(recordings, encoder, progress, augmentation=cell.augmentation, copied=copied)
 
@@ -258,13 +261,20 @@ def _content(recordings: Recordings) -> str:
     return content.hexdigest()
 
 
+def _all_of(recordings: Recordings) -> str:
+    """A digest of the trials with their rate, unit, lengths and taxels, and of their marks."""
+    marks = None if recordings.marks is None else recordings.marks.astype(str).to_csv(index=False)
+    return digest([content_digest(recordings), marks])
+
+
 def _check_unchanged(folder: Path, recordings: Recordings, before: Mapping[str, Any] | None, source: str | None) -> str:
     """The hash of the recordings, which must be the same as at the start of the study; writes data.json.
 
     before: the earlier content of data.json; None if it is missing or damaged. source: of `_source`.
     """
     entry = {"sha256": _content(recordings), "trials": len(recordings), "classes": list(recordings.classes)}
-    if before is not None and {key: before[key] for key in entry} != entry:
+    entry["digest"] = _all_of(recordings)  # of a run of an earlier version it is unknown
+    if before is not None and {key: before.get(key, entry["digest"]) for key in entry} != entry:
         raise InputError(f"{folder}: the recordings changed since this study began; run it in another folder")
     write_json(folder / DATA, entry | ({"source": source} if source is not None else {}))
     store.seal(folder, [DATA])

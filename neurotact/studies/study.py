@@ -26,6 +26,7 @@ from neurotact.encoders.specs import is_exact, pays_exact
 from neurotact.errors import InputError, nearest
 from neurotact.lazily import lazily
 from neurotact.metrics.prices import MEMORY_45NM, PriceList, price_list
+from neurotact.networks.definition import clock
 from neurotact.networks.definition import space as spaces
 from neurotact.networks.definition.learned import Balance
 from neurotact.networks.definition.seeds import of_start
@@ -59,14 +60,14 @@ T_REF = "t_ref_ms"
 OWN = "own"
 EVERY, LONGER_MS = "every", 10.0
 """In place of the values of `encoder & t_ref_ms`: every model that is compared, with its own period and with this."""
-OF_SPIKES = ("encoder", "spikes_per_s")
-"""Keys of a sweep that decide spikes, besides those that begin with `encoder.`."""
 CHOICES = {
     "choose_ema": f"{calibration_keys.CONDITIONING}.ema_cutoff_Hz",
     "choose_opposite": "encoder.sa1.opposite",
     "choose_grades": "encoder.sa1.grades",
 }
 """Keys of a study that let calibration choose a key of the encoder, and this key."""
+OF_SPIKES = ("encoder", "spikes_per_s", *CHOICES)
+"""Keys of a sweep that decide spikes, besides those that begin with `encoder.`."""
 log = logging.getLogger("neurotact")
 PAIR = f"encoder.ra1.t_ref_ms{sweeps.JOIN}encoder.sa1.t_ref_ms"
 
@@ -277,6 +278,9 @@ def resolve(
     data: the file of recordings of a study that names none.
     """
     path, overridden, keys = specs.find(StudySpec.folder, name), overrides or {}, StudySpec.model_fields
+    own_axes = sweeps.keys({key.removeprefix(sweeps.SWEEP): [] for key in overridden if key.startswith(sweeps.SWEEP)})
+    for key in (key for key in own_axes if key in overridden):
+        raise InputError(f"{key}: is set and swept; give its value, or its values as `{sweeps.SWEEP}{key}`")
     is_shipped = not (overrides or quick) and path in specs.shipped(StudySpec.folder)
     table = automatic.table_of(path)
     table |= {key: automatic.placed(table[key], path) for key in ("dataset",) if key in table}
@@ -304,7 +308,8 @@ def resolve(
     _with_every_encoder(table["sweep"])
     open_periods = automatic.closed_periods(table["sweep"])
     values = {key: value for key, value in overrides.items() if key not in axes}
-    table = specs.override(table, sweeps.unswept(table["sweep"], values, path))
+    first = {key: values.pop(key) for key in own_axes if key in values}  # what the file sets does not end a sweep
+    table = specs.override(table, {**first, **sweeps.unswept(table["sweep"], values, path)})
     table = automatic.with_file(table, data, path)
     table |= {key: automatic.placed(table[key], Path("set")) for key in ("dataset",) if key in table}  # of `overrides`
     search = table.get("search", {})
@@ -447,6 +452,12 @@ def to_toml(study: Spec) -> str:
 
 def cells(study: StudySpec) -> Iterator[Cell]:
     """The cells in the order of the sweep: the first axis is the slowest."""
+    every = [*_each_cell(study)]
+    encoded_ms = None if study.past_windows else reach_ms(*every)  # windows that are swept share their spikes
+    return (cell.model_copy(update={"encoded_ms": encoded_ms}) for cell in every)
+
+
+def _each_cell(study: StudySpec) -> Iterator[Cell]:
     search = _searched(study)
     base = {
         "source": study.dataset.identity(),
@@ -477,9 +488,10 @@ def cells(study: StudySpec) -> Iterator[Cell]:
         if study.calibrate:
             chosen |= calibration_keys.start(point)
         cell = specs.build(Cell, specs.override(base, chosen), source=f"sweep of {study.title}")
-        cell = _augmented(cell)
+        cell, clock_Hz = _augmented(cell), (cell.calibrate or cell.encoder).conditioning.resample_Hz
+        if cell.network is not None and clock_Hz is not None:
+            clock.steps_per_bin(cell.network.step_ms, clock_Hz, "network.step_ms")
         balancing.columns_of(cell.balance, cell.split, cell.source["stratify"], balancing.SETTINGS)
-        cell = cell.model_copy(update={"encoded_ms": None if study.past_windows else reach_ms(cell)})
         _check_source(cell, study)
         yield cell
 
@@ -498,8 +510,13 @@ def _augmented(cell: Cell) -> Cell:
     return cell
 
 
-def reach_ms(cell: Cell) -> float | None:
-    """Where the last window of a cell ends; None if this depends on the trial."""
+def reach_ms(*cells: Cell) -> float | None:
+    """Where the last window of some cells ends; None if this depends on the trial."""
+    ends_ms = [end_ms for cell in cells if (end_ms := _end_ms(cell)) is not None]
+    return max(ends_ms) if len(ends_ms) == len(cells) else None
+
+
+def _end_ms(cell: Cell) -> float | None:
     window = cell.window
     if cell.network is None or window.per_trial is None or window.align != "trial":
         return None
@@ -519,6 +536,7 @@ def _void_keys(cell: Cell) -> dict[str, str]:
         **{f"split.{key.removeprefix('split.')}": why for key, why in split.items()},
         **_void_in_copies(cell.augmentation),
         **({"balance": without} if cell.network is None else {}),
+        "search.seed": "has no effect in a study, which draws that of each cell's search from `seed`; leave it out",
         **{f"network.{key}": why for key, why in network.items()},
     }
 

@@ -3,7 +3,7 @@
 Each is made before any cell runs, from the recordings of the first cell and the spikes of all.
 """
 
-from collections.abc import Container, Iterator, Sequence
+from collections.abc import Container, Iterable, Iterator, Sequence
 from dataclasses import replace
 from functools import partial
 from itertools import chain
@@ -28,6 +28,7 @@ from neurotact.networks.training import model_selection, tasks
 from neurotact.studies import measures, store
 from neurotact.studies.cell import task_of
 from neurotact.studies.study import COPIES, Cell, StudySpec, encoder_columns, reach_ms, split_columns, value_at
+from neurotact.studies.study import cells as cells_of
 from neurotact.tables import write_table
 
 
@@ -73,7 +74,9 @@ def _fitted(
         first = np.concatenate([first, first[trains.variations.of]])
     windows = every.cut(cells[0].window)
     labels = tasks.labels_of(every, windows, task).numpy()
-    pieces = pieces_with_copies(recordings, windows, trains, cell) if is_first and trains.variations else ()
+    pieces = ()
+    if is_first and trains.variations:
+        pieces = pieces_with_copies(recordings, windows, trains, cell, cells_of(study))
     first_ms, second_ms = t_ref_pair_ms(cell.encoder)
     pair = second_ms, first_ms
     for name, where in {cell.dataset: cell.subset for cell in cells}.items():
@@ -110,15 +113,20 @@ def with_used_copies(trains: SpikeTrains, cell: Cell, *parts: Split) -> SpikeTra
     return replace(trains, variations=trains.variations.only(np.flatnonzero(used)))
 
 
-def pieces_with_copies(recordings: Recordings, windows: Windows, trains: SpikeTrains, cell: Cell) -> list[np.ndarray]:
-    """The samples of each window of the recorded trials, then of those of their varied copies."""
+def pieces_with_copies(
+    recordings: Recordings, windows: Windows, trains: SpikeTrains, cell: Cell, cells: Iterable[Cell] = ()
+) -> list[np.ndarray]:
+    """The samples of each window of the recorded trials, then of those of their varied copies.
+
+    cells: as of `copied_part`.
+    """
     assert cell.augmentation is not None
     assert trains.variations is not None
     of_recorded = windows.trial < len(trains)
     recorded = Windows(windows.trial[of_recorded], windows.start[of_recorded], windows.n_steps)
     pieces = [*opponents.pieces_of(recordings, recorded, trains.sampling_rate_Hz)]
     before = len(trains)
-    for copies in varied_copies(copied_part(recordings, cell), cell.augmentation, trains.variations.places):
+    for copies in varied_copies(copied_part(recordings, cell, *cells), cell.augmentation, trains.variations.places):
         inside = (windows.trial >= before) & (windows.trial < before + len(copies.of))
         own = Windows(windows.trial[inside] - before, windows.start[inside], windows.n_steps)
         pieces += [piece.copy() for piece in opponents.pieces_of(copies.recordings, own, trains.sampling_rate_Hz)]
@@ -142,6 +150,6 @@ def with_training(cuts: opponents.Cuts, trains: SpikeTrains, cell: Cell, parts: 
     return cuts._replace(copies=made, sides=(cuts.sides[0], validation, cuts.sides[2]))
 
 
-def copied_part(recordings: Recordings, cell: Cell) -> Recordings:
-    """The trials as far as the windows of their varied copies reach; the whole trials if these begin at an onset."""
-    return until(recordings, None if cell.augmentation is None else reach_ms(cell))
+def copied_part(recordings: Recordings, *cells: Cell) -> Recordings:
+    """The trials as far as the windows of the cells' copies reach; whole trials if these begin at an onset."""
+    return until(recordings, reach_ms(*cells))

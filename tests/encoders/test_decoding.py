@@ -1,5 +1,7 @@
 """What the spikes of an encoder stand for, and what survives it."""
 
+from dataclasses import replace
+
 import numpy as np
 import pandas as pd
 import pytest
@@ -87,6 +89,16 @@ def test_a_finer_threshold_lets_more_survive():
         for threshold in (12.0, 3.0)
     ]
     assert snr_dB[0] < 8 < snr_dB[1]
+
+
+def test_taxels_in_another_order_change_nothing_that_survives():
+    """The offsets and scales of an encoder are of named taxels."""
+    named = replace(touches(), channels=("left", "middle", "right"))
+    how = {"offset": range(named.n_channels), "scale": range(1, 1 + named.n_channels), "taxels": named.channels}
+    encoder = load("step-forward", {f"conditioning.{key}": [*values] for key, values in how.items()})
+    back = [*reversed(range(named.n_channels))]
+    found, turned = (nt.what_survives(each, encoder).table for each in (named, named.of_taxels(back)))
+    pd.testing.assert_frame_equal(found, turned)
 
 
 def test_one_class_is_refused():

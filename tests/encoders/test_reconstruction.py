@@ -52,6 +52,15 @@ def test_the_filter_knows_training_trials_alone():
     assert reconstructed(recordings, replace(trains, units=units), SPLIT).snr_dB == pytest.approx(-6, abs=1)
 
 
+def test_taxels_in_another_order_are_put_into_that_of_the_encoder():
+    """Its offsets and scales are of named taxels."""
+    named = replace(felt(), channels=("left", "right"))
+    how = ConditioningSpec(offset=(50.0, -50.0), scale=(1.0, 40.0), taxels=named.channels)
+    spec = load("step-forward", {"threshold": 2.0}).model_copy(update={"unit": "count", "conditioning": how})
+    trains, turned = encode_recordings(named, spec), named.of_taxels([1, 0])
+    assert reconstructed(turned, trains, SPLIT) == reconstructed(named, trains, SPLIT)
+
+
 def test_silence_gives_nothing_back():
     recordings = felt()
     found = reconstructed(recordings, trains_of(recordings, threshold=1e6), SPLIT)

@@ -16,7 +16,7 @@ from neurotact.encoders.encoding import encode_recordings
 from neurotact.errors import InputError
 from neurotact.networks.definition.specs import RSNNSpec
 from neurotact.networks.training import model_selection, tasks
-from neurotact.networks.training.epochs import Checkpoint, Epoch
+from neurotact.networks.training.epochs import Checkpoint, Epoch, best_of
 from neurotact.networks.training.tasks import Task
 from neurotact.spec import resolve
 
@@ -173,6 +173,20 @@ def test_a_training_that_goes_on_is_as_if_nothing_had_been_judged(trains):
     left = ["none", first]
     again = model_selection.trainings(trains, spec, *how[:2], left, begun=begun)
     assert logs(again) == logs(whole[kind] for kind in left)
+
+
+def test_copies_are_judged_by_the_epoch_that_their_training_would_keep(trains, monkeypatch):
+    """A recipe chooses which: not by the rule of a network that has none."""
+    monkeypatch.setattr(model_selection, "PART", 1.0)
+    spec = resolve(RSNNSpec, "default", {"model": "snn", "direct": False, "training.epochs": 6, "hidden": 20})
+    how = task(), (0, 1), CANDIDATES
+    _, out = model_selection.rule_out(trains, spec, *how)
+    whole = {one.task.augmentation: one.fitted for one in model_selection.trainings(trains, spec, *how)}
+    assert out
+    for one in out:
+        training = whole[one.kind].training
+        assert one.epochs == len(training.epochs)
+        assert one.epoch == training.best == best_of(training.epochs, "both")
 
 
 @pytest.mark.parametrize("clear", [(), ("time",), ("gain", "time")])

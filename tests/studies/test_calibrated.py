@@ -1,6 +1,8 @@
 """Every key of a calibrated study's encoder takes effect or is refused: none is ignored."""
 
 import sys
+from dataclasses import replace
+from types import SimpleNamespace
 
 import numpy as np
 import pandas as pd
@@ -56,6 +58,34 @@ def encoded(touches, monkeypatch, **changes):
     folder = touches.parent / "run"
     preparation.prepare(folder, what, list(study.cells(what)))
     return folder, what, [hdf5.load_spikes(folder / cell.given).encoder for cell in study.cells(what)]
+
+
+@pytest.mark.parametrize(
+    ("changes", "choice"),
+    [
+        ({"sweep.choose_ema": [False, True]}, "choose_ema"),
+        ({"sweep.augmentation.kind": ["none", "gain"], "split.test_where.size": 1}, "choose_grades"),
+        ({"sweep.augmentation.kind": ["gain", "none"], "split.test_where.size": 1}, "choose_grades"),
+    ],
+)
+def test_cells_that_let_calibration_choose_other_keys_have_their_own_encoder(touches, monkeypatch, changes, choice):
+    asked = []
+
+    def calibration_for(spec, _, **choices):
+        asked.append(choices[choice])
+        found = spec.model_copy(update={"tau_mem_ms": 10.0 + choices[choice]})
+        return lambda *_, **__: SimpleNamespace(encoder=found), 1
+
+    monkeypatch.setattr(preparation, "calibration_for", calibration_for)
+    recordings = hdf5.load_recordings(touches)
+    table = recordings.conditions.assign(size=np.arange(20) // 2 % 3)
+    hdf5.save_recordings(replace(recordings, conditions=table), touches)
+    cells = [*study.cells(loading.resolve("own-recordings", {**SMALL, **changes}, data=touches))]
+    calibrated, recordings = {}, hdf5.load_recordings(touches)
+    found = [preparation.encoder_of(cell, recordings, calibrated) for cell in cells]
+    assert {getattr(cell, choice) for cell in cells} == {False, True}
+    assert [encoder.tau_mem_ms for encoder in found] == [10.0 + getattr(cell, choice) for cell in cells]
+    assert len(asked) == 2
 
 
 def taxels(path, rate_Hz):

@@ -384,6 +384,18 @@ def test_the_same_recordings_in_another_file_are_the_same(recorded):
     assert files.read_json(folder / "data.json")["source"] == files.sha256(path)
 
 
+@pytest.mark.parametrize("name", ["sampling_rate_Hz", "unit"])
+def test_the_same_samples_at_another_rate_or_in_another_unit_are_other_recordings(recorded, name):
+    """A rate that was wrong is mended by importing again: the spikes and results of before are of other touches."""
+    path, folder = recorded
+    with h5py.File(path, "r+") as file:
+        file.attrs[name] = {"sampling_rate_Hz": 1000.0, "unit": "V"}[name]
+    before = content(folder)
+    with pytest.raises(InputError, match="the recordings changed since this study began"):
+        resume(folder)
+    assert content(folder) == before
+
+
 def test_recordings_that_are_gone_are_not_needed_again(recorded):
     path, folder = recorded
     path.unlink()

@@ -85,6 +85,22 @@ def test_a_trial_that_ends_before_its_window_begins_changes_no_row_of_the_others
     assert np.isnan(rows.loc[("felt", 1), "touch_spikes_sa_per_s"])
 
 
+def test_windows_at_contact_are_told_so_and_the_touch_counts_from_there():
+    """Contact comes after 60 and 80 ms of rest; each touch has a spike a ms for 20 ms and none in the last 20 ms."""
+    raster = np.zeros((2, 120, 2), np.uint8)
+    raster[0, 60:80, 0] = raster[1, 80:100, 0] = 1
+    table = pd.DataFrame({"label": ["felt", "silk"]})
+    trains = from_rasters(raster, 1000.0, ("SA-I a", "RA-I a"), table)
+    window = WindowSpec(length_ms=10, per_trial=1, align="onset")
+    onsets = trains.begins(window, np.arange(2))
+    rows = encoding_table(trains, cell_of(window=window), [])
+    assert set(rows.stretch) == {"windows of 10 ms from 0 ms after the onset of contact on"}
+    left = [(raster[trial, first:, 0].sum(), 120 - first) for trial, first in enumerate(onsets)]
+    assert rows["touch_spikes_sa_per_s"].tolist() == pytest.approx([1e3 * n / n_steps for n, n_steps in left])
+    alone = encoding_table(trains, cell_of(window=window, network=None), [])
+    assert set(alone.stretch) == {"from 0 ms after the onset of contact to the trial's end"}
+
+
 def test_windows_that_overlap_each_count_their_spikes():
     cell = cell_of(window=WindowSpec(length_ms=20, hop_ms=10))
     (row,) = encoding_table(one_train([15], n_steps=40), cell, []).to_dict("records")

@@ -35,6 +35,46 @@ def test_an_override_of_a_swept_key_ends_its_sweep():
     assert {c.network.hidden for c in study.cells(resolve(network__hidden=9))} == {9}
 
 
+@pytest.mark.parametrize("key", ["network.hidden", "network.training.epochs"])
+def test_a_sweep_of_the_user_is_not_ended_by_a_value_of_the_file(key):
+    """`[quick]` has one number of hidden neurons, `[set]` one of epochs."""
+    whole = study.resolve(TINY, {f"sweep.{key}": [5, 8]}, quick=True)
+    assert whole.sweep[key] == [5, 8]
+    assert {study.value_at(cell, key) for cell in study.cells(whole)} == {5, 8}
+
+
+def test_choices_of_calibration_that_are_swept_tell_encoders_apart():
+    whole = study.resolve(TINY, {"calibrate": True, "sweep.choose_ema": [False, True]})
+    assert len({cell.spikes_name for cell in study.cells(whole) if cell.encoder.sa1.t_ref_ms == 1}) == 2
+    assert study.encoder_columns(whole) == ["choose_ema"]
+
+
+@pytest.mark.parametrize(("clock_Hz", "step_ms"), [(2000.0, 2.5), (400.0, 7.5), (1000.0, 5.0)])
+@pytest.mark.parametrize("network", ["rsnn", "default"])
+def test_a_step_of_the_network_is_whole_on_the_clock_of_its_own_encoder(network, clock_Hz, step_ms):
+    keys = {"network": network, "encoder.conditioning.resample_Hz": clock_Hz}
+    whole = study.resolve(TINY, {**keys, "network.step_ms": step_ms}, quick=True)
+    assert {cell.network.step_ms for cell in study.cells(whole)} == {step_ms}
+    with pytest.raises(
+        InputError, match=rf"network\.step_ms: 3\.3 ms is not a whole number of steps at {clock_Hz:g} Hz"
+    ):
+        study.resolve(TINY, {**keys, "network.step_ms": 3.3}, quick=True)
+
+
+def test_the_seed_of_a_search_is_refused_in_a_study():
+    """Each cell draws its own, so that cells of other seeds search apart."""
+    space = {"search.space": {"training.batch": {"_type": "choice", "_value": [4, 8]}}}
+    assert study.resolve(TINY, space).search is not None
+    for key, value in (("search.seed", 3), ("sweep.search.seed", [3, 4])):
+        with pytest.raises(InputError, match=r"search\.seed: has no effect in a study"):
+            study.resolve(TINY, {**space, key: value})
+
+
+def test_a_key_that_is_set_and_swept_is_refused():
+    with pytest.raises(InputError, match=r"network\.hidden: is set and swept; give its value, or its values as"):
+        study.resolve(TINY, {"network.hidden": 5, "sweep.network.hidden & seed": [[5, 0], [8, 1]]})
+
+
 @pytest.mark.parametrize(
     ("key", "values"),
     [

@@ -213,6 +213,10 @@ def test_windows_start_at_contact_where_touches_begin_at_different_times(tmp_pat
     path = presses(tmp_path / "touches.h5", late=late)
     what = loading.resolve("own-recordings", {**FEW, "split.test_where": {"speed": 3}}, data=path)
     assert what.window.align == ("onset" if late else "trial")
+    several = {**FEW, "split.test_where": {"speed": 3}, "window.length_ms": 20, "window.per_trial": 2}
+    what = loading.resolve("own-recordings", several, data=path)
+    assert what.window.per_trial == 2
+    assert any("up to 2 windows per trial" in note for note in what.notes)
     fixed = {**FEW, "split.test_where": {"speed": 3}, "window.start_ms": 90}
     assert loading.resolve("own-recordings", fixed, data=path).window.align == "trial"
     assert loading.resolve("own-recordings", FEW, data=path).window.align == "trial"

@@ -65,6 +65,35 @@ def test_spikes_of_windows_are_the_same_if_trials_are_encoded_no_further(tmp_pat
         np.testing.assert_array_equal(early.raster(early.cut(cell.window)), late.raster(late.cut(cell.window)))
 
 
+@pytest.mark.parametrize("values", [{"length_ms": [20.0, 50.0]}, {"per_trial": [3, 1]}, {"start_ms": [0.0, 100.0]}])
+def test_windows_that_are_swept_share_spikes_that_reach_as_far_as_all_of_them(tmp_path, values):
+    """Else those of the first would cut the trials, and later cells would have fewer windows, or none."""
+    ((key, swept),) = values.items()
+    window = {"length_ms": 50.0, "per_trial": 2, "start_ms": 50.0}
+    sweep = {f"window.{key}": swept, "seed": [0]}
+    cells = [*study.cells(resolved(tmp_path, window=window, sweep=sweep, past_windows=False))]
+    assert len({(cell.spikes_name, cell.encoded_ms) for cell in cells}) == 1
+    felt = waves()
+    for cell in cells:
+        encoder = cell.encoder.model_copy(update={"conditioning": ConditioningSpec(baseline="start"), "unit": "count"})
+        early = encode_recordings(preparation.encoded_part(felt, cells[0]), encoder)
+        whole = encode_recordings(felt, encoder)
+        np.testing.assert_array_equal(early.raster(early.cut(cell.window)), whole.raster(whole.cut(cell.window)))
+
+
+@pytest.mark.parametrize("lengths_ms", [(100.0, 20.0), (20.0, 100.0)])
+def test_varied_copies_reach_as_far_as_the_longest_of_the_windows_that_are_swept(tmp_path, lengths_ms):
+    window, sweep = {"per_trial": 1}, {"window.length_ms": [*lengths_ms], "seed": [0]}
+    what = resolved(tmp_path, window=window, sweep=sweep, augmentation={"kind": "gain"})
+    cells = [*study.cells(what)]
+    assert len({cell.spikes_name for cell in cells}) == 1
+    encoder = cells[0].encoder.model_copy(update={"conditioning": ConditioningSpec(baseline="start"), "unit": "count"})
+    trains = preparation.spikes_of(cells[-1], waves(), encoder, cells)
+    (copies,) = trains.variations.source.blocks(trains.variations.places)
+    for cell in cells:
+        assert len(copies.cut(cell.window)) == len(copies)
+
+
 def waves():
     """Trials of some 100 counts."""
     rng, time_s = np.random.default_rng(0), np.arange(800)[:, None] / 2000

@@ -427,7 +427,9 @@ def void_keys(spec: RSNNSpec) -> dict[str, str]:
     >>> "forward_weight_scale" in void_keys(RSNNSpec(recipe="default", model="snn"))
     True
     """
-    kinds = [Seen(1, steps, 1000.0, n) for steps in (STRETCHES, 1 + int(RECURRENT_MS)) for n in (FEW, ENOUGH)]
+    rate_Hz = _suited_Hz(spec)
+    lengths = STRETCHES, 1 + int(RECURRENT_MS * 1e-3 * rate_Hz)
+    kinds = [Seen(1, steps, rate_Hz, n) for steps in lengths for n in (FEW, ENOUGH)]
     first, *others = (of_network(resolve(spec, seen)) for seen in kinds)
     return {key: why for key, why in first.items() if all(key in other for other in others)}
 
@@ -438,7 +440,12 @@ def training_of(spec: RSNNSpec) -> TrainingSpec:
     >>> training_of(RSNNSpec(recipe="default")).keep, training_of(RSNNSpec()).keep
     ('both', 'loss')
     """
-    return resolve(spec, Seen(1, 1, 1000.0, 1.0)).training
+    return resolve(spec, Seen(1, 1, _suited_Hz(spec), 1.0)).training
+
+
+def _suited_Hz(spec: RSNNSpec) -> float:  # noqa: N802
+    """A clock of the encoder on which a given step of the network is whole, where the encoder's is not known."""
+    return 1e3 / spec.own_step_ms if spec.own_step_ms else 1000.0
 
 
 def described(spec: RSNNSpec, seen: Seen, kept: RSNNSpec | None = None) -> Iterator[str]:

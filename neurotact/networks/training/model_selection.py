@@ -197,13 +197,13 @@ def rule_out(
     if len(copied) < 2:
         return {}, []
     begun: dict[str, Checkpoint | Tried] = {}
+    epoch: dict[str, Epoch] = {}
     for kind in copied:
         try:
-            begun[kind] = _trained(trains, spec, _task_of(task, kind), seeds, progress=progress, until=PART)
+            done = begun[kind] = _trained(trains, spec, _task_of(task, kind), seeds, progress=progress, until=PART)
+            epoch[kind] = done.fitted.training.best
         except trainer.Paused as paused:
-            begun[kind] = paused.checkpoint
-    epoch = {kind: one.fitted.training.best if isinstance(one, Tried) else _best_so_far(one, spec)
-             for kind, one in begun.items()}  # fmt: skip
+            begun[kind], epoch[kind] = paused.checkpoint, paused.best
     first = first_of(epoch, len(np.unique(copies_of(trains).first[tasks.trials_of(trains, task).validation])))
     out = [
         RuledOut(kind, epoch[kind], len(one.epochs), (first, epoch[first]))
@@ -220,10 +220,6 @@ def first_of(epoch: Mapping[str, Epoch], n: int) -> str:
     """
     worse = clearly_worse({name: one.validation_accuracy for name, one in epoch.items()}, n)
     return min((name for name in epoch if name not in worse), key=lambda name: epoch[name].validation_loss)
-
-
-def _best_so_far(checkpoint: Checkpoint, spec: RSNNSpec) -> Epoch:
-    return epochs.best_of(checkpoint.epochs, spec.training.keep)
 
 
 def clearly_worse(accuracies: Mapping[str, float], n: int) -> list[str]:

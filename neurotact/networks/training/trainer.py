@@ -14,13 +14,13 @@ from neurotact.data.spikes import SpikeTrains
 from neurotact.data.splits import Split
 from neurotact.networks.definition import clock, initial, module, recipe
 from neurotact.networks.definition.network import Network
-from neurotact.networks.definition.specs import RSNNSpec
+from neurotact.networks.definition.specs import RSNNSpec, TrainingSpec
 from neurotact.networks.exit import patience
 from neurotact.networks.exit.patience import ExitChoice, Judged
 from neurotact.networks.exit.refusal import Refusal
 from neurotact.networks.exit.rule import FULL_WINDOW, ExitRule
 from neurotact.networks.training import ensemble
-from neurotact.networks.training.epochs import Checkpoint, Examples, Training
+from neurotact.networks.training.epochs import Checkpoint, Epoch, Examples, Training, best_in
 from neurotact.networks.training.events import DetectorSpec, tool
 from neurotact.networks.training.numbers import spec_for
 from neurotact.networks.training.tasks import Sides, Task, names_of, sides_of, trials_of
@@ -30,11 +30,11 @@ AT_ONCE = 256
 
 
 class Paused(Exception):  # noqa: N818 (nothing failed)
-    """A training that was to stop early, with the checkpoint from which it goes on."""
+    """A training that was to stop early, with the checkpoint from which it goes on and its best epoch so far."""
 
-    def __init__(self, checkpoint: Checkpoint) -> None:
+    def __init__(self, checkpoint: Checkpoint, best: Epoch) -> None:
         super().__init__(f"paused after {len(checkpoint.epochs)} epochs")
-        self.checkpoint = checkpoint
+        self.checkpoint, self.best = checkpoint, best
 
 
 class Trained(NamedTuple):
@@ -121,13 +121,13 @@ def new_trained(
     spec = spec_for(spec, task.numbers if task else ())  # its loss decides what a recipe chooses
     chosen = recipe.chosen_for(spec, training.spikes, trains.sampling_rate_Hz)
     if until is not None:
-        options["keep"] = partial(_pause, math.ceil(until * chosen.training.epochs))
+        options["keep"] = partial(_pause, chosen.training, until)
     return ensemble.train(new, chosen, seeds, training, validation, **options)
 
 
-def _pause(epochs: int, checkpoint: Checkpoint) -> None:
-    if len(checkpoint.epochs) >= epochs:
-        raise Paused(checkpoint)
+def _pause(spec: TrainingSpec, until: float, checkpoint: Checkpoint) -> None:
+    if len(checkpoint.epochs) >= math.ceil(until * spec.epochs):
+        raise Paused(checkpoint, best_in(checkpoint.epochs, spec))
 
 
 def _warn_of_silence(training: Examples) -> None:
