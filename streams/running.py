@@ -39,27 +39,28 @@ class Running(NamedTuple):
     since: int = 0
 
 
-def begin(network: RSNN, window: int, start: int) -> Running:
-    """The state before a window's first step."""
+def begin(network: RSNN, window: int, start: int, band: tuple[float, ...] = ()) -> Running:
+    """The state before a window's first step; band: as of `ExitRule`."""
     readout = None if network.bias is not None else cuba_lif_start(1, network.n_classes, network.w_out)
-    leader = Leader.start(1, network.n_classes, network.w_in.device, network.integration)
+    leader = Leader.start(1, network.n_classes, network.w_in.device, network.integration, band)
     hidden = cuba_lif_start(1, network.spec.hidden, network.w_in)
     return Running(window, start, 0, hidden, readout, leader, np.zeros(network.n_inputs, bool))
 
 
 def step(
-    network: RSNN, arriving: np.ndarray, state: Running, length: int, fans: tuple[np.ndarray, np.ndarray] | None = None
-) -> Running:
+    network: RSNN, arriving: np.ndarray, state: Running, length: int,
+    fans: tuple[np.ndarray, np.ndarray] | None = None, band: tuple[float, ...] = (),
+) -> Running:  # fmt: skip
     """One step of the encoder's clock; `arriving` contains the numbers of the afferents that spike.
 
-    length: of the window. fans: `fans_of` the network. The network is computed at the end of each of its own steps, and
-    at the end of the window.
+    length: of the window. fans: `fans_of` the network. band: as of `ExitRule`. The network is computed at the end of
+    each of its own steps, and at the end of the window.
     """
     waiting = state.waiting.copy()
     waiting[arriving] = True
     n_new = int(waiting.sum() - state.waiting.sum())
     state = state._replace(steps=state.steps + 1, waiting=waiting, input_spikes=state.input_spikes + n_new)
-    return _computed(network, state, fans) if is_due(network, state, length) else state
+    return _computed(network, state, fans, band) if is_due(network, state, length) else state
 
 
 def detect(network: RSNN, state: Running, rule: DetectorSpec) -> tuple[Running, bool]:
@@ -92,7 +93,9 @@ def is_due(network: RSNN, state: Running, length: int) -> bool:
     return state.steps >= length or state.steps % network.steps_per_bin == 0
 
 
-def _computed(network: RSNN, state: Running, fans: tuple[np.ndarray, np.ndarray] | None) -> Running:
+def _computed(
+    network: RSNN, state: Running, fans: tuple[np.ndarray, np.ndarray] | None, band: tuple[float, ...]
+) -> Running:
     """The state after a step of the network, from the spikes that wait.
 
     The current adds decay, then inputs, then recurrence in ascending order, as the native kernels and the `ordered`
@@ -113,7 +116,7 @@ def _computed(network: RSNN, state: Running, fans: tuple[np.ndarray, np.ndarray]
     return state._replace(
         hidden=hidden,
         readout=readout,
-        leader=state.leader.after(increments, network.integration),
+        leader=state.leader.after(increments, network.integration, band),
         waiting=np.zeros_like(state.waiting),
         hidden_spikes=state.hidden_spikes + len(hidden_spikes),
         sops=state.sops + sops,

@@ -115,7 +115,7 @@ class Stream:
         self._compiled: CompiledStream | None = None
         is_plain = isinstance(encoder, AfferentSpec) and encoder.is_plain
         is_fit = is_plain and not is_exact(encoder) and not self.chain.tells_numbers
-        is_fit = is_fit and self.chain.detector is None
+        is_fit = is_fit and self.chain.detector is None and not self.chain.rule.band
         compilable = self.chain.network.w_in.device.type == "cpu" and is_fit
         if use_native(backend, compilable, "a network of classes on the CPU, and plain SA-I and RA-I on a clock"):
             self._compiled = CompiledStream(self._used, self.conditioner, self._most_samples)
@@ -458,11 +458,11 @@ class Stream:
         opens, state.opening = state.opening.after(len(inputs) > 0)
         windows = state.windows
         if opens:
-            windows = (*windows, running.begin(chain.network, state.n_windows, step))
+            windows = (*windows, running.begin(chain.network, state.n_windows, step, chain.rule.band))
             state.n_windows += 1
         decisions, still_open = [], []
         for window in windows:
-            after = running.step(chain.network, inputs, window, length, self._fans)
+            after = running.step(chain.network, inputs, window, length, self._fans, chain.rule.band)
             after = after._replace(held=after.held + 1) if held else after
             if chain.detector is not None:
                 after, changed = running.detect(chain.network, after, chain.detector)

@@ -34,7 +34,7 @@ def fingerprint(chain: Chain) -> str:
     """SHA-256 of all that gives a state its meaning: encoder, network, exit rule, windows and rates."""
     table = {
         "encoder": chain.encoder.model_dump(mode="json"), "network": chain.network.spec.model_dump(mode="json"),
-        "rule": {key: value for key, value in asdict(chain.rule).items() if key != "least_lead" or value},
+        "rule": {key: value for key, value in asdict(chain.rule).items() if key not in ("least_lead", "band") or value},
         "windows": asdict(chain.windows), "classes": chain.classes,
         "rates": [chain.sampling_rate_Hz, chain.clock_Hz], **({"takes_events": True} if chain.takes_events else {}),
         **({} if chain.detector is None else {"detector": chain.detector.model_dump()}),
@@ -207,12 +207,18 @@ def _window(chain: Chain, numbers: dict[str, int], prefix: str, take: Any) -> Ru
         parts = {key: torch.from_numpy(take(f"{prefix}{name}.{key}", (1, size), np.float32)) for key in fields}
         return CubaLIFState(**{"adaptation": torch.zeros(1, size), **parts})
 
-    kinds = {"counts": np.float64 if integrates else np.int64, "heard": np.bool_, "leaky": np.float64}
-    sizes = {"counts": (1, network.n_classes), "leaky": (1, network.n_classes)}
+    kinds = {
+        "counts": np.float64 if integrates else np.int64,
+        "heard": np.bool_,
+        "leaky": np.float64,
+        "stood": np.float64,
+    }
+    sizes = dict.fromkeys(("counts", "leaky", "stood"), (1, network.n_classes))
+    absent = {*([] if network.leaks else ["leaky"]), *([] if chain.rule.band else ["stood"])}
     standing = {
         key: torch.from_numpy(take(f"{prefix}leader.{key}", sizes.get(key, (1,)), kinds.get(key, np.int64)))
         for key in Leader._fields
-        if key != "leaky" or network.leaks
+        if key not in absent
     }
     leader = Leader(**standing)
     if not 0 <= int(leader.index) < network.n_classes:

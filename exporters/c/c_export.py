@@ -15,7 +15,7 @@ import jinja2
 import numpy as np
 from neurotact_parts.exporters.c import formats as whole
 from neurotact_parts.exporters.c.formats import Formats, Integrator
-from neurotact_parts.exporters.c.integer import CURVES, least_lead
+from neurotact_parts.exporters.c.integer import CURVES, least_lead, whole_band
 from neurotact_parts.exporters.c.matrices import Matrix, matrices_of
 from neurotact_parts.streams.chain import LARGEST, Chain
 from neurotact_parts.streams.events import afferents_of
@@ -225,6 +225,7 @@ def _in_float(chain: Chain, kept: Mapping[str, Matrix]) -> dict[str, Any]:
         "largest": f"{LARGEST:g}", "largest_bits": f"0x{int(np.float32(LARGEST).view(np.uint32)):08x}",
         "count": "double" if network.bias is not None else _count(chain),
         "lead": "double", "least_lead": float(chain.rule.least_lead).hex() if chain.rule.least_lead else None,
+        "band": [most.hex() for most in chain.rule.band],
         "readout_leak": float(integration.decay).hex() if integration is not None and integration.leaks else None,
         "peak": integration is not None and integration.peak,
         **(_closed_form(chain) if exact else _on_a_clock(chain)),
@@ -335,7 +336,7 @@ def _in_integers(chain: Chain, formats: Formats, kept: Mapping[str, Matrix]) -> 
         "state": "int16_t" if formats.state_bits <= 16 else "int32_t",
         "count": "int32_t" if isinstance(readout, Integrator) else _count(chain),
         "lead": "int64_t", "least_lead": least_lead(readout, chain.rule) if chain.rule.least_lead else None,
-        "readout_leak": None, "peak": False,
+        "band": whole_band(readout, chain.rule), "readout_leak": None, "peak": False,
         "silent_type": "uint32_t" if front.closed else unsigned(max(kind.silent for kind in front.kinds) + 1),
         "closed": front.closed, "octave": whole.OCTAVE, "tick": whole.TICK, "piece": whole.PIECE,
         "kinds": _integer_kinds(chain, front),

@@ -264,7 +264,9 @@ def infer(
     out, counts = _Neurons.start(n_windows, readout.w), np.zeros((n_windows, readout.w.shape[-1]), np.int64)
     if isinstance(readout, Integrator):
         counts = counts + readout.bias
-    leader = Leader.start(n_windows, counts.shape[1], torch.device("cpu"))._replace(counts=torch.from_numpy(counts))
+    band, first = whole_band(readout, rule), torch.from_numpy(counts)
+    leader = Leader.start(n_windows, counts.shape[1], torch.device("cpu"))
+    leader = leader._replace(counts=first, stood=first if band else None)
     running = np.full(n_windows, n_steps > 0)
     hidden_raster = np.zeros((n_windows, n_steps, hidden.w.shape[1]), np.uint8)
     labels, steps, input_spikes, hidden_spikes, is_heard = (np.zeros(n_windows, np.int64) for _ in range(5))
@@ -282,7 +284,7 @@ def infer(
         decided.input_spikes[running] += inputs[running].sum(axis=1)
         decided.hidden_spikes[running] += spikes[running].sum(axis=1)
         hidden_raster[running, t] = spikes[running]
-        leader = leader.after(torch.from_numpy(increments))
+        leader = leader.after(torch.from_numpy(increments), band=band)
         told = refusing.told(leader.index, leader.counts)
         decided.labels[running], decided.heard[running] = told.numpy()[running], leader.heard.numpy()[running]
         decided.readout[running] = leader.counts.numpy()[running]
@@ -297,6 +299,13 @@ def least_lead(readout: Integrator | Layer, rule: ExitRule) -> int:
     if not rule.least_lead:
         return 0  # also where each number has a unit of its own
     return math.ceil(rule.least_lead / (readout.unit if isinstance(readout, Integrator) else 1))
+
+
+def whole_band(readout: Integrator | Layer, rule: ExitRule) -> tuple[int, ...]:
+    """The band of a rule in the unit of each number; whole numbers are within it if and only if they were before."""
+    if not rule.band:
+        return ()
+    return tuple(np.floor(np.divide(rule.band, getattr(readout, "unit", 1))).astype(int).tolist())
 
 
 class _Neurons(NamedTuple):

@@ -102,6 +102,7 @@ def of(
         exit_patience=rule.patience,
         exit_from_first_spike=rule.from_first_spike,
         least_lead=rule.least_lead,
+        exit_band=rule.band,
         outside=tuple(outside.lines(encoder, rule)),
         encoder_outside=None if outside.encoder is None else outside.encoder.model_dump(mode="json", exclude_none=True),
         step_ms=outside.step_ms,

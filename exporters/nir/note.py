@@ -57,11 +57,13 @@ class Note(Spec):
     exit_from_first_spike: bool = True
     least_lead: float = Field(default=0.0, ge=0, exclude_if=lambda lead: not lead)
     """A class that leads by less at the decision is refused; NIR does not define it."""
+    exit_band: tuple[float, ...] = Field(default=(), exclude_if=lambda band: not band)
+    """Of numbers: early exit when none has moved by more for more steps than the patience."""
     neurotact: str = __version__
 
     @property
     def rule(self) -> ExitRule:
-        return ExitRule(self.exit_patience, self.exit_from_first_spike, self.least_lead)
+        return ExitRule(self.exit_patience, self.exit_from_first_spike, self.least_lead, self.exit_band)
 
     def metadata(self) -> dict[str, Any]:
         """As a graph's metadata."""

@@ -2,7 +2,7 @@
 
 Other rooms take:
 
-    definition.clock: apart, binned, spread
+    definition.clock: apart, binned, spread, steps_per_bin
     definition.executors: FEATURES, LIF_INSTEAD, Subject, lacking, left_outside, require
     definition.learned: Balance, LearnSpec
     definition.module: ModuleNetwork, new
@@ -36,9 +36,9 @@ Other rooms take:
     training.run_folder: LOG, NETWORK, Restored, WEIGHTS, files_of, load_network, load_spikes_of, restore, save,
         save_network, shapes_of, test_trials, trained_spikes_of
     training.sparsity: prune, pruned_stay_pruned
-    training.tasks: Sides, Task, check_refuse, examples_of, held_out, kind_of_copies, labels_of, load_spikes,
-        names_of, of_file, path_of, seen, seen_trials, sides_of, task_of, to_calibrate, trials_of,
-        with_every_condition, with_suited_window
+    training.tasks: Sides, Task, check_refuse, examples_of, held_out, kind_of_copies, labels_of, load_spikes, names_of,
+        of_file, path_of, seen, seen_trials, sides_of, task_of, to_calibrate, trials_of, with_every_condition,
+        with_suited_window
     training.trainer: Trained, exit_of, finished, fit, new_trained, refusing
     use.classifier: SpikingClassifier
     use.exporters: Exporter, export, exporter, usable

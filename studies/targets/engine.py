@@ -28,7 +28,7 @@ with lazily():  # a process that waits for others needs no torch
 
 EVENTS, FOLDS = "events", 4
 OF_CLASSES = (
-    "augmentation", "balance", "choose_grades", "early_exit", "integers", "measures", "search", "test_every_condition",
+    "augmentation", "balance", "choose_grades", "integers", "measures", "search", "test_every_condition",
     "training_windows", "dataset.subsets", "sweep.dataset",
 )  # fmt: skip
 """Keys of a study that have no meaning, or none yet, where no classes are learned."""
@@ -70,7 +70,7 @@ def own(table: Mapping[str, Any], given: Mapping[str, Any], quick: bool, data: s
     Raises InputError for what has no meaning without classes, and for a target that the recordings do not have.
     """
     parameters = parameters_of(given.get("parameters", table.get("parameters", {})))
-    _check(table, given)
+    _check(table, given, parameters)
     if _is_as_run(table, parameters, given):
         return {}
     file = data or table.get("dataset", {}).get("file")
@@ -108,8 +108,11 @@ def _is_as_run(table: Mapping[str, Any], parameters: Parameters, given: Mapping[
     return bool(has_own) and not is_changed and parameters == parameters_of(table.get("parameters", {}))
 
 
-def _check(table: Mapping[str, Any], given: Mapping[str, Any]) -> None:
-    asked = next((key for key in leaves(given) if key.startswith(OF_CLASSES)), None)
+def _check(table: Mapping[str, Any], given: Mapping[str, Any], parameters: Parameters) -> None:
+    void = (*OF_CLASSES, "early_exit") if parameters.target == (EVENTS,) else OF_CLASSES
+    asked = next((key for key in leaves(given) if key.startswith(void)), None)
+    if asked is not None and asked.startswith("early_exit"):
+        raise InputError(f"{asked}: a detector runs on without windows, which early exit would end; leave it out")
     if asked is not None:
         raise InputError(f"{asked}: is of classes, and a study with a target learns none; leave it out")
     swept = " & ".join([*table.get("sweep", {}), *(key.removeprefix("sweep.") for key in given if "sweep." in key)])
@@ -123,7 +126,7 @@ def _check(table: Mapping[str, Any], given: Mapping[str, Any]) -> None:
 def _notes(what: str, classes: str) -> Iterator[str]:
     yield what
     yield f"Gains: chosen by how well they separate classes; these are {classes}."
-    yield "Left out, since they belong to classes: early exit, varied copies, 8-bit weights, confusions."
+    yield "Left out, since they belong to classes: varied copies, 8-bit weights, confusions."
 
 
 def _sweep(table: Mapping[str, Any], given: Mapping[str, Any], quick: bool) -> dict[str, Any]:

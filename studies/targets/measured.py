@@ -17,6 +17,8 @@ from neurotact.tables import records
 
 HELD, DELAYS = "held", "delays_ms"
 """Of a result: as `right`, by validation trial; the mean delay of hits, by test recording."""
+SIDES = ("true", "told", "early")
+"""Columns of what was told: the truth, of whole windows, with early exit."""
 
 
 def measured_target(
@@ -29,23 +31,25 @@ def measured_target(
         "score_validation": float(np.mean([*tested[HELD].values()])),
         **found.pop("row"),
     }
-    kept = {key: value for key, value in result.items() if key != "values"}
+    kept = {key: value for key, value in result.items() if key not in ("values", "exit_values")}
     return {**kept, **tested, "row": {**result["row"], **row}, "tables": {**result.get("tables", {}), **found}}
 
 
 def _of_numbers(
     result: dict[str, Any], fitted: Trained, sides: Sides, trains: SpikeTrains, task: Task
 ) -> tuple[dict[str, Any], dict[str, Any]]:
-    """Scores of trials; and as tables what was told of each test window, with the errors as `row`."""
+    """Scores of trials; and as tables what was told of each test window, early too, with the errors as `row`."""
     parts, first = tasks.trials_of(trains, task), copies_of(trains).first
     test = first[trains.cut(task.window, parts.test).trial]
     held = first[trains.cut(task.training_window, parts.validation).trial]
-    values, labels = np.asarray(result["values"]), sides.test.labels.numpy()
+    values, early, labels = np.asarray(result["values"]), np.asarray(result["exit_values"]), sides.test.labels.numpy()
     told = {"trial": test}
-    for name, value, label in zip(task.numbers, values.T, labels.T, strict=True):
-        told |= {f"true_{name}": label.astype(float), f"told_{name}": value.astype(float)}
+    for name, *parts in zip(task.numbers, labels.T, values.T, early.T, strict=True):
+        told |= {f"{side}_{name}": part.astype(float) for side, part in zip(SIDES, parts, strict=True)}
     right = measuring.right_of(fitted.network.infer(sides.validation.spikes), sides.validation)
     errors = numbers.errors(values, labels, task.numbers, test)
+    early_errors = numbers.errors(early, labels, task.numbers, test)
+    errors |= {f"exit_{key}": error for key, error in early_errors.items()}
     return {HELD: by_trial(held, right), "right": result["right"]}, {"row": errors, "told": records(pd.DataFrame(told))}
 
 

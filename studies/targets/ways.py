@@ -14,13 +14,14 @@ from neurotact_parts.studies.targets.measured import DELAYS, HELD
 from neurotact.metrics import referee
 from neurotact.metrics.paired import Paired, compare_by_trial
 from neurotact.metrics.referee import Verdict
+from neurotact.networks.exit import patience
 from neurotact.networks.training import numbers
 from neurotact.report import periods
 from neurotact.studies.store import result_of
 from neurotact.studies.study import Cell, StudySpec, by_split, encoder_columns
 from neurotact.tables import columns_of_network, size_of
 
-EVENTS = "events"
+EVENTS, EARLY = "events", "exit_losses"
 
 
 class Way(NamedTuple):
@@ -28,8 +29,8 @@ class Way(NamedTuple):
 
     kind, source: what decides, and from what. held, tested: the score of each validation and test trial. nJ, sops,
     spikes: of an answer, of a detector in a second; NaN if not counted. found: errors or events, as columns of results.
-    cells, pair (its refractory periods): of a network. delays_ms: of a detector, the mean of the hits of each test
-    recording.
+    cells, pair (its refractory periods), early: of a network. delays_ms: of a detector, the mean of the hits of each
+    test recording.
     """
 
     kind: str
@@ -43,6 +44,7 @@ class Way(NamedTuple):
     cells: tuple[Cell, ...] = ()
     delays_ms: Mapping[str, float] = {}
     pair: str = periods.NONE
+    early: "Early | None" = None
 
     @property
     def name(self) -> str:
@@ -71,6 +73,29 @@ class Way(NamedTuple):
         held = np.array([*self.held.values()])
         error = float(held.std(ddof=1) / math.sqrt(len(held))) if len(held) > 1 else math.nan
         return referee.Way(float(held.mean()), error, math.inf if math.isnan(self.nJ) else self.nJ, dict(self.held))
+
+
+class Early(NamedTuple):
+    """A network of numbers with early exit, and the upper bound of its loss (`patience.upper_bound`).
+
+    bound: over the validation trials of all its trainings; NaN if none found a rule. tolerance: what may be lost.
+    """
+
+    way: Way
+    bound: float
+    tolerance: float
+
+    @property
+    def is_used(self) -> bool:
+        """Whether it may be."""
+        return bool(patience.is_tolerated(self.bound, self.tolerance))
+
+    @property
+    def in_words(self) -> str:
+        """What is known of the loss."""
+        if math.isnan(self.bound):
+            return f"no rule saves steps and loses {self.tolerance:.3g} of the score at most"
+        return patience.in_words(self.bound, self.tolerance, of_numbers=True)
 
 
 class Compared(NamedTuple):
@@ -143,11 +168,24 @@ def networks_of(folder: Path, rows: pd.DataFrame, done: Sequence[Cell], target: 
         held, tested, delays = (_mean([result.get(side, {}) for result in results]) for side in (HELD, "right", DELAYS))
         nJ, sops, spikes = (float(own[f"whole_{key}"].mean()) / window_s for key in ("nJ", "sops", "spikes"))
         size = f"{size_of(own.iloc[0])} neurons" if hidden else "no hidden layer"
-        yield Way(
+        way = Way(
             f"network, {size}", f"spikes of {periods.in_ms(str(pair))}",
             held, tested, nJ, {**found, "ms": float(own["whole_ms"].mean())}, sops, spikes, tuple(cells), delays,
             str(pair),
         )  # fmt: skip
+        has_early = all(EARLY in result for result in results) and [*target] != [EVENTS]
+        yield way._replace(early=_early(way, results, own, target)) if has_early else way
+
+
+def _early(way: Way, results: Sequence[Mapping[str, Any]], own: pd.DataFrame, target: Sequence[str]) -> Early:
+    """The network with early exit, a mean over trainings; own: their rows."""
+    costs = {key: float(own[f"early_{key}"].mean()) for key in ("ms", "nJ", "sops", "spikes")}
+    found = {**_told(results, target, "early"), "ms": costs.pop("ms")}
+    tested = _mean([result["exit_right"] for result in results])
+    chosen = way._replace(source=f"{way.source}, with early exit", tested=tested)
+    losses = [*_mean([result[EARLY] for result in results]).values()]
+    bound = float(patience.upper_bound(losses, of_numbers=True)) if losses else math.nan
+    return Early(chosen._replace(found=found, **costs), bound, way.cells[0].early_exit.tolerance)
 
 
 def _mean(scores: Sequence[Mapping[str, float]]) -> dict[str, float]:
@@ -156,10 +194,10 @@ def _mean(scores: Sequence[Mapping[str, float]]) -> dict[str, float]:
     return table.groupby(level=0).mean().to_dict()
 
 
-def _told(results: Sequence[Mapping[str, Any]], target: Sequence[str]) -> dict[str, float]:
-    """The errors of what was told of all test windows."""
+def _told(results: Sequence[Mapping[str, Any]], target: Sequence[str], how: str = "told") -> dict[str, float]:
+    """The errors of what was told of all test windows; how: `told` of whole ones, or `early`."""
     told = pd.concat([pd.DataFrame(result["tables"]["told"]) for result in results])
-    values, labels = (told[[f"{side}_{name}" for name in target]].to_numpy(float) for side in ("told", "true"))
+    values, labels = (told[[f"{side}_{name}" for name in target]].to_numpy(float) for side in (how, "true"))
     return numbers.errors(values, labels, target, told["trial"].to_numpy())
 
 

@@ -102,7 +102,8 @@ def _as_json(compared: Compared) -> dict[str, Any]:
         values = {"score": one.score, "score_low": low, "score_high": high, **one.found, **costs}
         return {"name": one.name, **{key: None if math.isnan(value) else float(value) for key, value in values.items()}}
 
-    verdict = compared.verdict
+    verdict, early = compared.verdict, compared.chosen.early
+    bound = None if early is None or math.isnan(early.bound) else early.bound
     return {
         "kind": compared.kind,
         "network": plain(compared.chosen),
@@ -110,6 +111,7 @@ def _as_json(compared: Compared) -> dict[str, Any]:
         "rivals": [one.name for one in compared.others],
         "p": None if verdict is None else verdict.p,
         "test_trials": len(compared.chosen.tested),
+        **({} if early is None else {"early_exit": {"used": early.is_used, "bound": bound, **plain(early.way)}}),
     }
 
 
@@ -118,6 +120,8 @@ def _details(compared: Compared, folder: str) -> Iterator[str]:
     if best is not chosen:
         yield f"The best network on validation trials is {best.name}, with a score of {best.score:.3f} on test trials."
     yield f"The chosen network is in {folder}."
+    if (early := chosen.early) is not None:
+        yield f"Early exit is {'used' if early.is_used else 'not used'}: {early.in_words}."
     if compared.verdict is not None:
         n = compared.verdict.opponents
         yield (
@@ -162,7 +166,9 @@ def _table(compared: Compared, told: "_Numbers | _Events") -> Table:
     """The chosen network, the best one, and the rivals that are best on validation trials."""
     ordered = sorted(compared.others, key=lambda one: -one.way.validation)[:MOST_ROWS]
     named = [one for one in (compared.beside, compared.comparable) if one is not None]
-    ways = list({one.name: one for one in (compared.chosen, compared.best, *named, *ordered)}.values())
+    early = compared.chosen.early
+    own = [compared.chosen, *([early.way] if early and early.is_used else []), compared.best]
+    ways = list({one.name: one for one in (*own, *named, *ordered)}.values())
     rows = [
         [
             f"{one.name}{': chosen' if one is compared.chosen else ''}",
@@ -221,8 +227,15 @@ class _Numbers:
 
     def last(self) -> Iterator[Figure]:
         """How soon."""
+        chosen, early = self.compared.chosen, self.compared.chosen.early
         against = "the others wait as long" if self.compared.others else ""
-        yield Figure("time to answer", milliseconds(self.compared.chosen.found["ms"]), "the whole window", against)
+        takes, of = milliseconds(chosen.found["ms"]), "the whole window"
+        if early is not None and early.is_used:
+            errors, spent = ", ".join(self.cells(early.way)), energy(early.way.nJ)
+            of = f"with early exit: error {errors}, energy {spent}, score {early.way.score:.3f}; {takes} without"
+            against = against and f"the others wait {takes}"
+            takes = milliseconds(early.way.found["ms"])
+        yield Figure("time to answer", takes, of, against)
 
     def verdict(self) -> str:
         """One sentence."""

@@ -16,6 +16,7 @@ from neurotact_parts.streams.stream import Stream
 
 import neurotact as nt
 from neurotact.errors import InputError
+from neurotact.networks.exit.rule import FULL_WINDOW, ExitRule
 from neurotact.networks.training.sparsity import prune
 
 needs_compiler = pytest.mark.skipif(proof.missing("cc") is not None, reason=str(proof.missing("cc")))
@@ -31,7 +32,10 @@ NAMES = ("force_N", "speed_mm_per_s", "friction")
 UNITS = (100.0, 1.0, 0.01)
 
 
-def telling(kind: str) -> Chain:
+EXIT = ExitRule(4, from_first_spike=True, band=(150.0, 1.5, 0.015))
+
+
+def telling(kind: str, rule: ExitRule = FULL_WINDOW) -> Chain:
     """A chain of numbers of different units, as training folds them into the readout."""
     chain = make_chain({}, **KINDS[kind])
     network = chain.network
@@ -43,19 +47,52 @@ def telling(kind: str) -> Chain:
         network.bias.copy_(torch.tensor([3.0, -20.0, 0.5]))
     if kind == "pruned":
         prune(network, 0.6)
-    return chain._replace(tells_numbers=True, classes=NAMES)
+    return chain._replace(tells_numbers=True, classes=NAMES, rule=rule)
 
 
 def whole(chain: Chain, signal: np.ndarray) -> np.ndarray:
     """The numbers of a trial's windows as the network tells them, `(window, target)`."""
     raster, windows = offline(chain, signal)
     cut = np.stack([raster[start : start + chain.windows.length] for start, *_ in windows])
-    return chain.network.infer(torch.from_numpy(cut)).readout.numpy()
+    return chain.network.infer(torch.from_numpy(cut), chain.rule).readout.numpy()
+
+
+@torch.no_grad()
+def by_hand(chain: Chain, signal: np.ndarray) -> list[int]:
+    """Steps of each window until no number has left its band for one step more than the patience."""
+    raster, windows = offline(chain, signal)
+    n, length, integration, found = chain.network.steps_per_bin, chain.windows.length, chain.network.integration, []
+    patience = chain.rule.in_bins(n).patience
+    assert integration is not None
+    assert patience is not None
+    for start, *_ in windows:
+        gained = chain.network.simulate(torch.from_numpy(raster[None, start : start + length])).readout
+        heard = gained[0].any(dim=1).tolist()
+        anchor, began, step = integration.level.numpy(), 1, 0
+        for step, value in enumerate(integration.over(gained), 1):
+            if (np.abs(value[0].numpy() - anchor) > chain.rule.band).any():
+                anchor, began = value[0].numpy(), step
+            if any(heard[:step]) and step - max(began, heard.index(True) + 1) >= patience:
+                break
+        found.append(min(step * n, length))
+    return found
 
 
 @pytest.mark.parametrize("kind", [*KINDS])
-def test_a_stream_tells_what_whole_windows_tell(kind):
-    chain, signal = telling(kind), make_signal(150)
+def test_numbers_that_have_settled_end_a_window_and_later_steps_do_not_count(kind):
+    chain = telling(kind, EXIT)
+    signals = [make_signal(150, seed=seed) for seed in range(3)]
+    rows, full = ([row for one in signals for row in offline(each, one)[1]] for each in (chain, telling(kind)))
+    assert [row[2] for row in rows] == [step for one in signals for step in by_hand(chain, one)]
+    assert len({row[2] for row in rows}) > 2
+    saved = [other[3] - row[3] for row, other in zip(rows, full, strict=True)]
+    assert min(saved) >= 0 < sum(saved)
+
+
+@pytest.mark.parametrize("rule", [FULL_WINDOW, EXIT], ids=["whole", "early"])
+@pytest.mark.parametrize("kind", [*KINDS])
+def test_a_stream_tells_what_whole_windows_tell(kind, rule):
+    chain, signal = telling(kind, rule), make_signal(150)
     stream = Stream(chain)
     first = stream.push(signal[:70])
     other = Stream(chain)
@@ -64,6 +101,8 @@ def test_a_stream_tells_what_whole_windows_tell(kind):
     assert other.push(signal[70:]) == rest
     decided = sorted([*first, *rest], key=lambda each: each.window)
     expected = whole(chain, signal)
+    rows = offline(chain, signal)[1]
+    assert [(d.steps, d.input_spikes, d.hidden_spikes) for d in decided[: len(rows)]] == [row[2:] for row in rows]
     for decision, row in zip(decided, expected, strict=False):
         assert decision.values is not None
         assert [*decision.values] == [*NAMES]
@@ -80,9 +119,10 @@ def test_a_stream_of_classes_has_no_values():
 
 @needs_compiler
 @thinned("kind", [*KINDS], every=2)
+@pytest.mark.parametrize("rule", [FULL_WINDOW, EXIT], ids=["whole", "early"])
 @pytest.mark.parametrize("variant", ["float", "integer"])
-def test_c_tells_what_its_twin_tells(kind, variant, tmp_path):
-    chain, signals = telling(kind), [make_signal(150, seed=k) for k in range(3)]
+def test_c_tells_what_its_twin_tells(kind, variant, rule, tmp_path):
+    chain, signals = telling(kind, rule), [make_signal(150, seed=k) for k in range(3)]
     if variant == "integer" and chain.network.leaks:
         return
     formats = None if variant == "float" else chosen(chain, signals, state_bits=16)
@@ -92,13 +132,15 @@ def test_c_tells_what_its_twin_tells(kind, variant, tmp_path):
     assert {row[-4] for row in rows} == {0}  # no class
     told = np.array([row[-3:] for row in rows])
     assert len(np.unique(told, axis=0)) > 1
+    assert (len({row[2] for row in rows}) > 2) == (not rule.never)
     wrong = [trial._replace(decisions=[(*row[:-1], row[-1] + 1) for row in trial.decisions]) for trial in expected]
     assert proof.first_difference(wrong, expected) is not None
 
 
+@pytest.mark.parametrize("rule", [FULL_WINDOW, EXIT], ids=["whole", "early"])
 @pytest.mark.parametrize("kind", ["integrator", "stretches", "no hidden layer"])
-def test_float_c_tells_the_numbers_of_the_network(kind):
-    chain, signal = telling(kind), make_signal(150)
+def test_float_c_tells_the_numbers_of_the_network(kind, rule):
+    chain, signal = telling(kind, rule), make_signal(150)
     (trial,) = proving.twin_of(chain, None, [signal], np.zeros((1, 3)), None).expected
     assert [list(row[-3:]) for row in trial.decisions] == whole(chain, signal).tolist()
 

@@ -40,6 +40,7 @@ from neurotact.networks.definition.executors import (
     OTHER,
     PAST,
     SETTINGS,
+    SETTLED,
     Subject,
     require,
 )
@@ -94,9 +95,11 @@ NETWORKS = {
     NO_LAYER: {**READOUTS["integrator"], "hidden": 0},
     PAST: {**READOUTS["integrator"], "direct": True},
     IN_TIME: READOUTS["integrator"],
+    SETTLED: READOUTS["integrator"],
 }
 RULES = {
     "exit by patience": ExitRule(5, from_first_spike=True),
+    SETTLED: ExitRule(5, from_first_spike=True, band=(1.0, 2.0, 3.0)),
     "none of these": ExitRule(5, from_first_spike=True, least_lead=2.0),
 }
 

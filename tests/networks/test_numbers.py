@@ -14,16 +14,21 @@ from sklearn.linear_model import Ridge
 import neurotact as nt
 from neurotact import effects
 from neurotact.baselines import opponent
+from neurotact.data import hdf5
 from neurotact.data.spikes import from_rasters
 from neurotact.errors import InputError
 from neurotact.files import read_json
 from neurotact.networks.definition.rsnn import RSNN
 from neurotact.networks.definition.specs import RSNNSpec, TrainingSpec
-from neurotact.networks.training import comparison, ensemble, linear, losses, numbers, tasks, trainer
+from neurotact.networks.exit.patience import ExitChoice, exits, is_right, upper_bound
+from neurotact.networks.exit.rule import FULL_WINDOW, ExitRule
+from neurotact.networks.training import comparison, ensemble, linear, losses, numbers, run_folder, tasks, trainer
 from neurotact.networks.training.comparison import Trials
 from neurotact.networks.training.tasks import Task
+from neurotact.networks.use import inference
 
 TRIALS, STEPS = 60, 60
+EXIT = ExitRule(3, from_first_spike=True, band=(2.0, 4.0))
 WINDOW = nt.Window(length_ms=STEPS)
 CONDITIONS = pd.DataFrame(
     {
@@ -253,7 +258,8 @@ def test_a_training_tells_errors_in_units_beside_rivals(run):
     assert row["r2_speed"] > 0.5 < row["accuracy_test"]
     assert f"force_N: root-mean-square error {row['rmse_force_N']:.3g} (95 % interval " in "\n".join(map(str, said))
     assert "baselines: the mean of training " in "\n".join(map(str, said))
-    assert not any(word in str(line) for line in said for word in ("early exit", "chance", "confused"))
+    assert not any(word in str(line) for line in said for word in ("chance", "confused"))
+    assert re.search(r"with early exit .* ms, at a score of 0\.\d+$", "\n".join(map(str, said)), re.MULTILINE)
     assert read_json(folder / "run" / "network.json")["extra"]["classes"] == ["force_N", "speed"]
 
 
@@ -270,12 +276,95 @@ def test_decisions_have_both_numbers_and_their_summary_has_the_error(run):
     assert "accuracy" not in means
 
 
-def test_early_exit_is_not_offered_and_said_so(run, capsys):
-    folder, row, _ = run
-    assert row["exit_patience"] is None
-    tables = [nt.infer(folder / "run", folder / "spikes.h5", early_exit=early) for early in (False, True)]
-    pd.testing.assert_frame_equal(*tables)
-    assert "early exit is not used, whole windows decide: a network that tells numbers" in capsys.readouterr().err
+def short_touches(folder, until: int, **how):
+    """A network of touches that end at a step of the window, in `folder`, and its decisions on whole windows and early.
+
+    Returned with the rows of the training.
+    """
+    whole = touches()
+    raster = whole.raster(whole.cut(WINDOW))
+    raster[:, until:] = 0
+    nt.save(from_rasters(raster, 1000.0, whole.afferents, CONDITIONS), folder / "spikes.h5")
+    learn, keys = nt.Learn(target=["force_N", "speed"]), {"hidden": 0}
+    row = nt.train(folder / "spikes.h5", folder / "run", "default", keys, window=WINDOW, learn=learn, **how)
+    return row, *(nt.infer(folder / "run", folder / "spikes.h5", early_exit=early) for early in (False, True))
+
+
+def test_numbers_that_have_settled_save_the_rest_of_a_window(tmp_path, capsys):
+    row, whole, early = short_touches(tmp_path, 25)
+    names = ["predicted_force_N", "predicted_speed", "input_spikes", "sops_total"]
+    pd.testing.assert_frame_equal(early[names], whole[names])  # what comes later is silence
+    assert (whole["steps"] == STEPS).all()
+    assert 25 < early["steps"].mean() < 0.8 * STEPS
+    assert "not used" not in capsys.readouterr().err
+    tested = early[early["side"] == "test"]
+    assert row["exit_steps"] == tested["steps"].mean()
+    assert row["exit_accuracy"] == row["accuracy_test"]
+    assert row["exit_loss_bound"] <= 0.01
+
+
+@pytest.mark.parametrize(
+    ("losses", "rule", "said"),
+    [
+        ({0: 0.5, 1: 0.0, 2: 0.0}, EXIT, "it may lose up to 0.43 of the score, of which 0.01 is allowed (95 % bound"),
+        ({0: 0.001, 1: 0.0, 2: -0.001}, EXIT, ""),
+        ({}, FULL_WINDOW, "no rule saves steps and loses as little as is allowed"),
+    ],
+)
+def test_early_exit_of_numbers_that_may_lose_too_much_is_not_used_and_said_so(run, losses, rule, said, capsys):
+    folder, _, _ = run
+    restored, trains = run_folder.restore(folder / "run"), hdf5.load_spikes(folder / "spikes.h5")
+    restored = restored._replace(rule=rule, held=ExitChoice(rule, losses, 0.01))
+    whole, early = (inference.infer(restored, trains, early_exit=early) for early in (False, True))
+    told = capsys.readouterr().err
+    if said:
+        assert f"early exit is not used, whole windows decide: {said}" in told
+        pd.testing.assert_frame_equal(early, whole)
+    else:
+        assert "not used" not in told
+        assert (early["steps"] <= whole["steps"]).all()
+        assert early["steps"].mean() < whole["steps"].mean()
+        assert early["sops_total"].mean() < whole["sops_total"].mean()
+
+
+def test_a_run_keeps_its_rule_and_what_it_loses(tmp_path):
+    row, *_ = short_touches(tmp_path, 25)
+    restored = run_folder.restore(tmp_path / "run")
+    assert restored.held is not None
+    assert len(restored.rule.band) == 2
+    assert restored.rule.patience == row["exit_patience"]
+    assert restored.held.bound == row["exit_loss_bound"]
+    ratio = restored.rule.band[0] / CONDITIONS["force_N"].std(ddof=0)
+    assert any(ratio == pytest.approx(share, rel=0.2) for share in trainer.BANDS)
+
+
+@given(st.integers(0, 30), st.integers(1, 20), st.sampled_from([0.0, 0.02, 0.5]), st.booleans())
+@examples(15)
+def test_exits_of_every_patience_are_those_of_decisions(seed, patience, band, leaks):
+    generator = torch.Generator().manual_seed(seed)
+    keys = {"readout_tau_ms": 9.0} if leaks else {"readout_stretches": 3, "readout_stretch_ms": 20.0}
+    spec = RSNNSpec.model_validate(
+        {"hidden": 4, "model": "snn", "readout": "integrator", "forward_weight_scale": 3.0, **keys}
+    )
+    network = RSNN(3, 2, spec, 1000.0, generator=generator)
+    spikes = (torch.rand(5, 40, 3, generator=generator) < 0.2).to(torch.uint8)
+    bands = (band, 2 * band)
+    found = exits(network.simulate(spikes).readout, integration=network.integration, band=bands)
+    decided = network.infer(spikes, ExitRule(patience, from_first_spike=True, band=bands))
+    assert torch.equal(decided.steps, found.steps[:, patience - 1])
+    assert torch.equal(decided.readout, found.labels[:, patience - 1])
+    assert torch.equal(found.labels[:, -1], network.infer(spikes).readout)
+    scores = is_right(found, decided.readout, torch.ones(2))
+    assert (scores[:, patience - 1] == 1).all()
+    assert (scores <= 1).all()
+
+
+@given(st.lists(st.floats(-0.5, 0.9), min_size=1, max_size=30), st.floats(0.01, 100.0))
+@examples(40)
+def test_the_bound_of_scores_has_their_unit_and_is_not_below_their_mean(losses, unit):
+    bound = float(upper_bound(losses, of_numbers=True))
+    assert bound >= np.mean(losses) - 1e-12 or bound == pytest.approx(np.abs(losses).max())
+    assert float(upper_bound(np.multiply(losses, unit), of_numbers=True)) == pytest.approx(unit * bound)
 
 
 def test_touches_without_the_number_are_told_one(run):

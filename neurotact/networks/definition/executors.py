@@ -91,7 +91,7 @@ def _has_grades(subject: Subject) -> bool:
 CHAIN = ("conditioning", "encoder", "network", "readout", "exit")
 EVENTS, OTHER = "events of a sensor", "network of another model"
 LAYERS, IN_NODES = "several layers, or a graph", ("layered", "graph")
-IN_TIME = "events in time"
+IN_TIME, SETTLED = "events in time", "exit of settled numbers"
 NO_LAYER, PAST = "no hidden layer", "path past the hidden layer"
 CAUSAL_INSTEAD = "encode and train with conditioning.baseline start, high-pass or none"
 LIF_INSTEAD = "encode and train with sa1-ra1-lif"
@@ -257,6 +257,7 @@ FEATURES: dict[str, _Feature] = {
     ),
     IN_TIME: _Feature("exit", (), lambda s: s.detects, "export it in float32"),
     "exit by patience": _Feature("exit", (), lambda s: s.rule.patience is not None, "decide at the end of a window"),
+    SETTLED: _Feature("exit", (), lambda s: bool(s.rule.band), "decide at the end of a window"),
     "none of these": _Feature("exit", ("refuse",), lambda s: s.rule.least_lead > 0, "train without refuse"),
 }
 """Every feature of a chain, in the order of its parts."""

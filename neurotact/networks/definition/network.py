@@ -161,10 +161,10 @@ def decided(spikes: Tensor, simulated: Simulated, rule: ExitRule, integration: I
     """The decisions of an integrator on full windows whose spikes are `binned`; steps after the exit do not count."""
     (n_trials, n_steps, _), rasters = spikes.shape, simulated.rasters
     steps = torch.full((n_trials,), n_steps, device=spikes.device)
-    leader = Leader.start(n_trials, rasters.readout.shape[2], spikes.device, integration)
+    leader = Leader.start(n_trials, rasters.readout.shape[2], spikes.device, integration, rule.band)
     labels, sums, running = leader.counts.argmax(dim=1), leader.counts.clone(), steps > 0
     for t in range(n_steps):
-        leader = leader.after(rasters.readout[:, t], integration)
+        leader = leader.after(rasters.readout[:, t], integration, rule.band)
         stops = running & (leader.exits(rule) | (t + 1 == n_steps))
         labels[stops], sums[stops], steps[stops] = leader.index[stops], leader.counts[stops], t + 1
         running = running & ~stops

@@ -438,7 +438,7 @@ class RSNN(Network):
         return max(1, RASTER_VALUES // max(1, n_values))
 
     def _decided(self, spikes: Tensor, rule: ExitRule) -> Inference:
-        if self._native():
+        if self._native() and not rule.band:  # the kernels have the race of classes alone
             return Inference(*native.rsnn_infer(spikes, self, rule))
         if (integration := self.integration) is not None:
             parts = spikes.split(self._at_once(spikes))

@@ -18,6 +18,7 @@ from numpy.typing import ArrayLike
 from scipy.stats import beta, norm
 from torch import Tensor
 
+from neurotact.baselines.opponent import right
 from neurotact.errors import InputError
 from neurotact.metrics.decision import is_within
 from neurotact.networks.definition.readouts import Integration
@@ -27,7 +28,8 @@ from neurotact.networks.exit.rule import FULL_WINDOW, ExitRule, Leader
 class _Exits(NamedTuple):
     """Exit step and label of each trial for each patience, `(trial, patience)` int64 each.
 
-    steps: simulated steps, the window's length T without an exit; labels: the class that leads then.
+    steps: simulated steps, the window's length T without an exit; labels: the class that leads then, or the numbers,
+    `(trial, patience, number)` float64.
     Column p - 1 belongs to patience p, from 1 to T.
     """
 
@@ -44,13 +46,14 @@ class _OracleExit(NamedTuple):
 
 
 def exits(
-    rasters: Tensor | np.ndarray, from_first_spike: bool = True, integration: Integration | None = None
-) -> _Exits:
+    rasters: Tensor | np.ndarray, from_first_spike: bool = True, integration: Integration | None = None,
+    band: tuple[float, ...] = (),
+) -> _Exits:  # fmt: skip
     """Exit step and label of every trial for every patience.
 
     rasters: readout spikes of full windows, `(trial, time, class)`, zeros and ones (not cumulated), as
         `RSNN.simulate` returns them; for an integrator, its input at each step.
-    from_first_spike: as in ExitRule.
+    from_first_spike, band: as in ExitRule.
     integration: of an integrator, `RSNN.integration`; if absent, spikes are counted.
 
     >>> exits(torch.tensor([[[0, 1], [0, 0], [0, 0]]])).steps.tolist()
@@ -59,29 +62,33 @@ def exits(
     spikes = _checked(rasters, integration)
     n_trials, n_steps, _ = spikes.shape
     first = torch.full((n_trials, n_steps + 1), n_steps, dtype=torch.int64, device=spikes.device)
-    leading = torch.empty(n_trials, n_steps, dtype=torch.int64, device=spikes.device)
-    for t, leader in enumerate(_leaders(spikes, integration)):
-        leading[:, t] = leader.index
+    told = []
+    for t, leader in enumerate(_leaders(spikes, integration, band)):
+        told.append(leader.counts if band else leader.index)
         standing = leader.standing_since_spike if from_first_spike else leader.standing
         # A class that has led for s steps led for s - 1 a step before: the first s is the first of at least s.
         first.scatter_reduce_(1, standing[:, None], torch.full_like(standing[:, None], t + 1), "amin")
     # Patience p exits at standing p + 1. No class leads for T + 1 steps: patience T is the full window.
     steps = torch.cat([first[:, 2:], first.new_full((n_trials, 1), n_steps)], dim=1)
-    return _Exits(steps, leading.gather(1, steps - 1))
+    return _Exits(steps, torch.stack(told, dim=1)[torch.arange(n_trials, device=spikes.device)[:, None], steps - 1])
 
 
-def _leaders(spikes: Tensor, integration: Integration | None) -> Iterator[Leader]:
+def _leaders(spikes: Tensor, integration: Integration | None, band: tuple[float, ...] = ()) -> Iterator[Leader]:
     """The leading classes after each step."""
     integration = None if integration is None else integration.detach()
-    leader = Leader.start(spikes.shape[0], spikes.shape[2], spikes.device, integration)
+    leader = Leader.start(spikes.shape[0], spikes.shape[2], spikes.device, integration, band)
     for t in range(spikes.shape[1]):
-        leader = leader.after(spikes[:, t], integration)
+        leader = leader.after(spikes[:, t], integration, band)
         yield leader
 
 
-def is_right(decisions: _Exits, labels: Tensor | np.ndarray) -> Tensor:
-    """Whether each rule decides each trial correctly, `(trial, rule)`."""
-    return decisions.labels == _labels(labels, decisions)[:, None]
+def is_right(decisions: _Exits, labels: Tensor | np.ndarray, deviation: Tensor | None = None) -> Tensor:
+    """Whether each rule decides each trial correctly, `(trial, rule)`, or its score (`opponent.right`)."""
+    true = _labels(labels, decisions)
+    if true.ndim == 1:
+        return decisions.labels == true[:, None]
+    n_rules = decisions.steps.shape[1]
+    return right(decisions.labels.flatten(0, 1), true.repeat_interleave(n_rules, 0), deviation).reshape(-1, n_rules)
 
 
 def least(right: Tensor, n_trials: int, tolerance: float) -> int:
@@ -113,12 +120,12 @@ def steady(validation: Tensor, n_validation: int, training: Tensor, n_training: 
     return int(worst[-1]) + 1 if len(worst) else 0
 
 
-def patience_rule(index: int, steps_per_bin: int = 1) -> ExitRule:
+def patience_rule(index: int, steps_per_bin: int = 1, band: tuple[float, ...] = ()) -> ExitRule:
     """The rule of a column of `exits`, counted from the first step at which the readout changes.
 
     steps_per_bin: steps of the input's clock for one of the rasters.
     """
-    return ExitRule((index + 1) * steps_per_bin, from_first_spike=True)
+    return ExitRule((index + 1) * steps_per_bin, from_first_spike=True, band=band)
 
 
 def _within(accuracy: Tensor, tolerance: float) -> Tensor:
@@ -188,8 +195,10 @@ def _checked(rasters: Tensor | np.ndarray, integration: Integration | None) -> T
 
 def _labels(labels: Tensor | np.ndarray, decisions: _Exits) -> Tensor:
     true = torch.as_tensor(labels, device=decisions.labels.device)
-    if true.shape != decisions.labels.shape[:1]:
-        raise InputError(f"labels: have shape {tuple(true.shape)} where ({len(decisions.labels)},) is expected")
+    if true.shape != decisions.labels[:, 0].shape:
+        raise InputError(
+            f"labels: have shape {tuple(true.shape)} where {tuple(decisions.labels[:, 0].shape)} is expected"
+        )
     return true
 
 
@@ -212,7 +221,7 @@ class ExitChoice(NamedTuple):
     @property
     def bound(self) -> float:
         """The upper bound of the loss."""
-        return float(upper_bound([*self.losses.values()]))
+        return float(upper_bound([*self.losses.values()], of_numbers=bool(self.rule.band)))
 
     @property
     def used(self) -> ExitRule:
@@ -227,14 +236,14 @@ class ExitChoice(NamedTuple):
     @property
     def in_words(self) -> str:
         """What is known of the loss."""
-        return in_words(self.bound, self.tolerance)
+        return in_words(self.bound, self.tolerance, of_numbers=bool(self.rule.band))
 
 
 class Judged(NamedTuple):
     """Decisions of windows by each of ascending rules, the last of which is the full window.
 
-    right: whether each is right, `(window, rule)` boolean. labels, trial: the class and the trial of each window,
-    `(window,)` int64.
+    right: whether each is right, `(window, rule)` boolean, or its score. labels, trial: the class, or the first number,
+    and the trial of each window, `(window,)`.
     """
 
     right: np.ndarray
@@ -253,7 +262,8 @@ def choose(validation: Judged, tolerance: float, training: tuple[torch.Tensor, i
     if training is None:
         return least(right, len(validation.right), tolerance)
     index = steady(right, len(validation.right), *training, tolerance)
-    above = np.flatnonzero(~is_tolerated(upper_bound(_lost(validation)), tolerance))
+    bounds = upper_bound(_lost(validation), of_numbers=validation.right.dtype != bool)
+    above = np.flatnonzero(~is_tolerated(bounds, tolerance))
     safe = int(above[-1]) + 1 if len(above) else 0
     return max(index, safe) if safe < len(right) - 1 else index
 
@@ -287,31 +297,36 @@ def _lost(validation: Judged) -> np.ndarray:
     """The share of the windows of each trial that each rule loses, `(trial, rule)`, in the order of the trials."""
     order = np.argsort(validation.trial, kind="stable")
     _, first, n = np.unique(validation.trial[order], return_index=True, return_counts=True)
-    right = np.add.reduceat(validation.right[order].astype(np.int32), first) / n[:, None]
+    right = np.add.reduceat(validation.right[order].astype(np.float64), first) / n[:, None]
     return right[:, -1:] - right
 
 
-def upper_bound(losses: ArrayLike) -> np.ndarray:
+def upper_bound(losses: ArrayLike, *, of_numbers: bool = False) -> np.ndarray:
     """The 95 % upper bound of a mean loss of independent trials; 1 without any.
 
     losses: paired differences of shares, from -1 to 1, `(trial,)` or `(trial, rule)`. The bound for paired proportions
     of Bonett and Price (2012, Journal of Educational and Behavioral Statistics 37:479), which adds one trial each way,
     and at least that of Clopper and Pearson (1934, Biometrika 26:404) for the trials that are lost on balance: without
     any loss the former alone would be too low.
+    of_numbers: losses are of scores, which have no least: the largest loss of a trial, or gain, then stands for 1.
 
     >>> [round(float(upper_bound([0.0] * n)), 3) for n in (0, 30, 299)]
     [1.0, 0.095, 0.01]
+    >>> round(float(upper_bound([0.02] + [0.0] * 29, of_numbers=True) / upper_bound([1.0] + [0.0] * 29)), 6)
+    0.02
     """
     values = np.asarray(losses, float)
-    n, total = len(values), values.sum(axis=0)
-    if not n:
+    if not len(values):
         return np.ones(values.shape[1:])
+    most = np.abs(values).max(axis=0) if of_numbers else np.ones(values.shape[1:])
+    values = values / np.where(most > 0, most, 1.0)
+    n, total = len(values), values.sum(axis=0)
     mean = total / (n + 2)
     variance = ((values**2).sum(axis=0) + 2) / (n + 2) - mean**2
     paired = mean + norm.ppf(CONFIDENCE) * np.sqrt(variance / (n + 2))
     lost = np.clip(total, 0, n)
     exact = np.where(lost < n, beta.ppf(CONFIDENCE, lost + 1, np.maximum(n - lost, math.ulp(1.0))), 1.0)
-    return np.minimum(1.0, np.maximum(paired, exact))
+    return most * np.minimum(1.0, np.maximum(paired, exact))
 
 
 def is_tolerated(bound: ArrayLike, tolerance: float) -> np.ndarray:
@@ -319,7 +334,7 @@ def is_tolerated(bound: ArrayLike, tolerance: float) -> np.ndarray:
     return np.asarray(bound) <= tolerance
 
 
-def in_words(bound: float, tolerance: float) -> str:
+def in_words(bound: float, tolerance: float, *, of_numbers: bool = False) -> str:
     """What is known of the loss.
 
     >>> in_words(0.095, 0.01)
@@ -327,7 +342,9 @@ def in_words(bound: float, tolerance: float) -> str:
     >>> in_words(1.0, 0.01)[:29]
     'it may lose up to 100 points,'
     """
+    points = f"{float(f'{100 * bound:.2g}'):g} points, of which {100 * tolerance:.3g} is allowed"
+    score = f"{bound:.2g} of the score, of which {tolerance:.3g} is allowed"
     return (
-        f"it may lose up to {float(f'{100 * bound:.2g}'):g} points, of which {100 * tolerance:.3g} is allowed "
+        f"it may lose up to {score if of_numbers else points} "
         f"({100 * CONFIDENCE:.0f} % bound from validation trials that did not choose it)"
     )

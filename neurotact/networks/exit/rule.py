@@ -1,4 +1,4 @@
-"""Early exit: stop a trial when its leading class is stable (texture paper, Algorithm 1)."""
+"""Early exit: stop a trial when its leading class is stable (texture paper, Algorithm 1), or the numbers it tells."""
 
 from dataclasses import dataclass, replace
 from typing import NamedTuple
@@ -12,7 +12,7 @@ from neurotact.networks.definition.readouts import Integration
 
 @dataclass(frozen=True)
 class ExitRule:
-    """Exit when the leading class is unchanged for `patience` + 1 consecutive steps.
+    """Exit when the leading class, or every number, is unchanged for `patience` + 1 consecutive steps.
 
     The leading class has the largest count of readout spikes so far or, if the readout is an integrator, the largest
     value.
@@ -22,12 +22,15 @@ class ExitRule:
         the first hidden spike that an integrator adds. Otherwise count from the first step, as in the paper's
         Algorithm 1, where class 0 leads a silent readout.
     least_lead: a leading class that leads by less at the decision is refused: the touch is none of the classes.
+    band: of each number that is told, in its unit: it is unchanged as long as it is no farther from the value at which
+        it began to stand. Empty for classes.
     Without patience no trial exits: the full window is simulated.
     """
 
     patience: int | None = None
     from_first_spike: bool = False
     least_lead: float = 0.0
+    band: tuple[float, ...] = ()
 
     def __post_init__(self) -> None:
         if self.patience is not None and self.patience < 1:
@@ -68,7 +71,8 @@ class Leader(NamedTuple):
     """Counts or values of the classes `(trial, class)`, the leading class, and for how many steps it has led.
 
     `standing` is 0 before the first step, and 1 at the step where a class first leads. `heard`: whether the readout has
-    changed. `leaky`: y of an integrator that leaks, `(trial, class)`; else None.
+    changed. `leaky`: y of an integrator that leaks, `(trial, class)`; else None. `stood`: of numbers, the values since
+    which they stand, `(trial, number)`: then no class leads, and `standing` counts steps within the band.
     """
 
     counts: Tensor
@@ -77,10 +81,14 @@ class Leader(NamedTuple):
     standing_since_spike: Tensor
     heard: Tensor
     leaky: Tensor | None = None
+    stood: Tensor | None = None
 
     @staticmethod
-    def start(n_trials: int, n_classes: int, device: torch.device, integration: Integration | None = None) -> "Leader":
-        """Before the first step; without an `integration` spikes are counted from 0."""
+    def start(
+        n_trials: int, n_classes: int, device: torch.device, integration: Integration | None = None,
+        band: tuple[float, ...] = (),
+    ) -> "Leader":  # fmt: skip
+        """Before the first step; without an `integration` spikes are counted from 0. band: as of `ExitRule`."""
         zero = torch.zeros(n_trials, dtype=torch.int64, device=device)
         leaky = None
         if integration is None:
@@ -88,21 +96,25 @@ class Leader(NamedTuple):
         else:
             y, counts = integration.start(n_trials)
             leaky = y if integration.leaks else None
-        return Leader(counts, zero, zero, zero, zero.to(torch.bool), leaky)
+        return Leader(counts, zero, zero, zero, zero.to(torch.bool), leaky, counts if band else None)
 
-    def after(self, gained: Tensor, integration: Integration | None = None) -> "Leader":
+    def after(self, gained: Tensor, integration: Integration | None = None, band: tuple[float, ...] = ()) -> "Leader":
         """The state one step later; `gained`: spikes, or the input of an integrator. Ties go to the lowest index."""
         leaky = self.leaky
         if integration is None or leaky is None:
             counts = self.counts + gained
         else:
             leaky, counts = integration.after(gained, leaky, self.counts)
-        index = counts.argmax(dim=1)
-        same = index == self.index
+        index, stood = counts.argmax(dim=1), self.stood
+        if stood is None:
+            same = index == self.index
+        else:
+            same = ((counts - stood).abs() <= counts.new_tensor(band)).all(dim=1)
+            index, stood = self.index, torch.where(same[:, None], stood, counts)
         standing = torch.where(same, self.standing + 1, 1)
         changed = self.heard | gained.any(dim=1)
         since = torch.where(same & changed, self.standing_since_spike + 1, changed.to(torch.int64))
-        return Leader(counts, index, standing, since, changed, leaky)
+        return Leader(counts, index, standing, since, changed, leaky, stood)
 
     def exits(self, rule: ExitRule) -> Tensor:
         """Which trials stop now, `(trial,)` boolean."""

@@ -184,10 +184,10 @@ def lines(against: Comparison, start: str = starts.ONE, told: Callable[[float], 
     )
 
 
-def costs(row: Mapping[str, Any], step_ms: float) -> str:
+def costs(row: Mapping[str, Any], step_ms: float, told: Callable[[float], str] = percent) -> str:
     """The cost of a decision with and without early exit, in words, from a row of results.
 
-    step_ms: a step of the encoder's clock.
+    step_ms: a step of the encoder's clock. told: says an accuracy.
 
     >>> row = {"sops_total": 1200.0, "window_steps": 1000, "spikes_sa": 30.0, "spikes_ra": 12.0,
     ...        "exit_sops_total": 600.0, "exit_steps": 420.0, "exit_accuracy": 0.9}
@@ -204,7 +204,7 @@ def costs(row: Mapping[str, Any], step_ms: float) -> str:
         return f"{whole}{counted[2]}"
     return (
         f"{whole}; with early exit {counted[1]}"
-        f"{row['exit_steps'] * step_ms:,.4g} ms, at {100 * row['exit_accuracy']:.1f} %{counted[2]}"
+        f"{row['exit_steps'] * step_ms:,.4g} ms, at {told(row['exit_accuracy'])}{counted[2]}"
     )
 
 

@@ -37,6 +37,7 @@ class Choice(Spec):
     network: RSNNSpec
     """The network, with its recipe resolved."""
     exit_patience: int | None = Field(default=None, ge=1)
+    exit_band: tuple[float, ...] = Field(default=(), exclude_if=lambda band: not band)
     gone = {"exit_margin": None}
     accuracy_validation: float = Field(le=1)
     exit_accuracy_validation: float = Field(le=1)
@@ -54,6 +55,7 @@ class Choice(Spec):
         return cls(
             network=ensemble.spec_of(fitted.network, fitted.training.n_members),
             exit_patience=fitted.rule.patience,
+            exit_band=fitted.rule.band,
             accuracy_validation=fitted.training.best.validation_accuracy,
             exit_accuracy_validation=measuring.exit_accuracy(fitted, validation),
             exit_losses={} if fitted.held is None else dict(fitted.held.losses),
@@ -63,7 +65,7 @@ class Choice(Spec):
     @property
     def rule(self) -> ExitRule:
         """The rule of early exit."""
-        return ExitRule(self.exit_patience, from_first_spike=True)
+        return ExitRule(self.exit_patience, from_first_spike=True, band=self.exit_band)
 
     def given_to(self, last: Trained, task: Task) -> Trained:
         """The network of the last training with the rule of this choice, and what is known of its loss."""

@@ -56,7 +56,8 @@ class Outcome(NamedTuple):
 
     def lines(self) -> list[str]:
         """The accuracy, the cost and the confusions in words."""
-        costs = comparison.costs(self.row, self.step_ms)
+        told, at = (comparison.percent, "") if self.confusion else (numbers.scored, "a score of ")
+        costs = comparison.costs(self.row, self.step_ms, lambda score: f"{at}{told(score)}")
         first, last = [*self.told], [*comparison.recurrence(self.row)]
         if self.confusion:
             last.append(comparison.confused(self.confusion, self.classes))
@@ -64,7 +65,7 @@ class Outcome(NamedTuple):
             first, last = [*numbers.lines(self.row, self.classes)], []
         return [
             *first,
-            *comparison.lines(self.compared, self.start, comparison.percent if self.confusion else numbers.scored),
+            *comparison.lines(self.compared, self.start, told),
             costs,
             *last,
             *([self.refused] if self.refused else []),
@@ -161,12 +162,12 @@ def _cautions(
     spec = fitted.network.spec
     yield from cautions.worse_than_baseline(compared, spec, command, searched, fitted.training.n_members, told)
     yield from cautions.training(fitted.training.table(), spec.training, command=command)
+    yield from cautions.exit_not_used(fitted.held)
     if task.target:
         return
     known = sorted(set(trains.labels[parts.train].tolist()))
     tested = trains.labels[parts.test]
     per_class = {trains.classes[label]: int((tested == label).sum()) for label in known}
     yield from cautions.few_test_trials(per_class, task.split, command)
-    yield from cautions.exit_not_used(fitted.held)
     if fitted.refusal is not None and not fitted.refusal.whole:
         yield fitted.refusal.in_words

@@ -228,6 +228,7 @@ def save(
         "spikes": os.path.relpath(spikes_path, folder),
         "task": task.model_dump(mode="json"),
         "exit_patience": trained.rule.patience,
+        **({"exit_band": trained.rule.band} if trained.rule.band else {}),
         **({} if trains.recorded_Hz is None else {"recorded_Hz": trains.recorded_Hz}),
         **({} if trained.has_own_rule else {"has_own_rule": False}),
         **({} if trained.held is None else {"exit_losses": {**trained.held.losses}}),
@@ -326,6 +327,7 @@ class _Extra(Provenance):
     classes: tuple[str, ...]
     spikes: str
     exit_patience: int | None = Field(ge=1, le=2**31 - 1)
+    exit_band: tuple[float, ...] = ()
     gone = {"exit_margin": None}
     has_own_rule: bool = True
     exit_losses: dict[int, float] | None = None
@@ -362,7 +364,7 @@ def restore(
             f"{path}: names {len(known.classes)} classes, but the network has {network.n_classes}; "
             "make the network with neurotact train"
         )
-    rule = ExitRule(known.exit_patience, from_first_spike=True)
+    rule = ExitRule(known.exit_patience, from_first_spike=True, band=known.exit_band)
     losses, tolerance = known.exit_losses, known.task.exit_tolerance
     held = None if losses is None else ExitChoice(rule, losses, tolerance)
     places = [files.existing(spikes)] if spikes is not None else files.named_by(path, known.spikes)

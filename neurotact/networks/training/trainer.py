@@ -2,7 +2,7 @@
 
 import math
 import warnings
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from functools import partial
 from typing import Any, NamedTuple
 
@@ -27,6 +27,8 @@ from neurotact.networks.training.tasks import Sides, Task, names_of, sides_of, t
 
 AT_ONCE = 256
 """Windows that are simulated together."""
+BANDS = (0.01, 0.03, 0.1, 0.3)
+"""Within which numbers are tried as unchanged, in units of their deviation in training."""
 
 
 class Paused(Exception):  # noqa: N818 (nothing failed)
@@ -141,8 +143,8 @@ def _warn_of_silence(training: Examples) -> None:
 
 
 def finished(network: Network, training: Training, sides: Sides, task: Task) -> Trained:
-    """A trained network, with the exit rule chosen on its validation windows; one with a target has whole windows."""
-    if task.target:
+    """A trained network, with the exit rule chosen on its validation windows; a detector has none."""
+    if task.detects:
         return Trained(network, training, FULL_WINDOW)
     training_side = sides.train if task.exit_choice == "steady" else None
     held = exit_of(network, sides.validation, task.exit_tolerance, training_side)
@@ -211,28 +213,38 @@ def exit_of(
     tolerance: float,
     training: Examples | None = None,
 ) -> ExitChoice:
-    """The early exit of least patience within `tolerance`, with its losses on trials that did not choose it.
+    """The early exit of fewest steps within `tolerance`, with its losses on trials that did not choose it.
 
+    Rules are ascending in their mean steps on validation windows: of classes, in their patience.
     training: windows that `steady` evaluates together with the validation windows; without them `least` chooses.
     """
-    labels = validation.labels.cpu()
+    labels, deviation = validation.labels.cpu(), validation.deviation
     of = torch.arange(len(labels)) if validation.of is None else validation.of
-    right = torch.cat([*_right(network, validation)]).numpy()
-    judged = Judged(right, labels.numpy(), of.numpy())
+    bands = [()] if deviation is None else [tuple((share * deviation.double()).tolist()) for share in BANDS]
+    right, steps = map(torch.cat, zip(*_right(network, validation, bands), strict=True))
+    order = steps.double().mean(dim=0).argsort(stable=True)  # whole windows stay the last
+    judged = Judged(right[:, order].numpy(), labels.reshape(len(labels), -1)[:, 0].numpy(), of.numpy())
     seen = None
     if training is not None:
-        counts = torch.stack([part.sum(dim=0) for part in _right(network, training)])
-        seen = counts.sum(dim=0), len(training.labels)
+        counts = torch.stack([part.sum(dim=0) for part, _ in _right(network, training, bands)])
+        seen = counts.sum(dim=0)[order], len(training.labels)
     index = patience.choose(judged, tolerance, seen)
-    rule = patience.patience_rule(index, network.steps_per_bin)
+    if deviation is not None and index == len(order) - 1:
+        return ExitChoice(FULL_WINDOW, {}, tolerance)
+    band, which = divmod(int(order[index]), right.shape[1] // len(bands))
+    rule = patience.patience_rule(which, network.steps_per_bin, bands[band])
     return ExitChoice(rule, patience.losses(judged, tolerance, seen), tolerance)
 
 
-def _right(network: Network, examples: Examples) -> Iterator[Tensor]:
-    """Whether each window is decided correctly with each patience, `(window, patience)`, some at a time."""
+def _right(network: Network, examples: Examples, bands: Sequence[tuple[float, ...]]) -> Iterator[tuple[Tensor, Tensor]]:
+    """Whether each window is decided correctly by each rule, or its score, and its steps, some windows at a time.
+
+    `(window, rule)` each; the rules are those of each band, ascending in their patience.
+    """
     for readout, labels in _readouts(network, examples):
-        decisions = patience.exits(readout, integration=network.integration)
-        yield patience.is_right(decisions, labels).cpu()
+        found = [patience.exits(readout, integration=network.integration, band=band) for band in bands]
+        scores = [patience.is_right(each, labels, examples.deviation).cpu() for each in found]
+        yield torch.cat(scores, dim=1), torch.cat([each.steps for each in found], dim=1).cpu()
 
 
 def _readouts(network: Network, examples: Examples) -> Iterator[tuple[Tensor, Tensor]]:

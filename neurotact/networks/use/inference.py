@@ -52,8 +52,8 @@ def infer(
     for line in left_out(fits, 1e3 * trains.trial_steps / trains.sampling_rate_Hz):
         warnings.warn(line, stacklevel=2)
     network, held = restored.network, restored.held
-    if early_exit and target:
-        say("early exit is not used, whole windows decide: a network that tells numbers has no rule for it")
+    if early_exit and target and restored.rule.never:
+        say("early exit is not used, whole windows decide: no rule saves steps and loses as little as is allowed")
     if early_exit and held is not None and held.is_refused:
         say(f"early exit is not used, whole windows decide: {held.in_words}")
     if restored.refusal is not None and not restored.refusal.whole:

@@ -39,7 +39,7 @@ def measure(trained: Trained, sides: Sides, populations: Mapping[str, np.ndarray
     populations: afferents of each one, as `SpikeTrains.populations`. SOPs, spikes and steps are means over windows.
     `right` and `exit_right` are of each test window, on the whole window and with early exit; `exit_losses` of each
     validation trial (`patience.ExitChoice`). Of numbers, accuracies are mean scores, the matrix is empty, and `values`
-    are those of the test windows, `(window, target)`.
+    are those of the test windows, `(window, target)`, and `exit_values` with early exit.
     """
     network, test = trained.network, sides.test
     spikes = test.spikes.to(network.device)
@@ -74,11 +74,13 @@ def measure(trained: Trained, sides: Sides, populations: Mapping[str, np.ndarray
         **({"direct": 1} if network.spec.direct and network.spec.hidden else {}),
     }
     right, exit_right = (right_of(result, test) for result in (full, early))
-    found = {"row": row, "right": right, "exit_right": exit_right}
+    losses = {} if held is None else {"exit_losses": {**held.losses}}
+    found = {"row": row, "right": right, "exit_right": exit_right, **losses}
     if test.labels.ndim > 1:
-        return {**found, "confusion": [], "values": full.readout.cpu().numpy()}
+        values, early_values = (result.readout.cpu().numpy() for result in (full, early))
+        return {**found, "confusion": [], "values": values, "exit_values": early_values}
     found["confusion"] = confusion_matrix(test.labels, full.labels.cpu(), labels=range(network.n_classes)).tolist()
-    return found if held is None else {**found, "exit_losses": {**held.losses}}
+    return found
 
 
 def _arriving(full: Inference, early: Inference) -> dict[str, float]:

@@ -2,6 +2,7 @@
 
 import itertools
 import json
+import math
 import re
 from types import SimpleNamespace
 
@@ -122,6 +123,46 @@ def test_a_study_of_numbers_says_how_exactly_how_soon_and_at_what_cost(numbers):
     assert network["energy_nJ"] > 0
     assert answer["rival"]["name"].startswith("ridge regression on ")
     assert answer["test_trials"] == 6
+
+
+def test_a_study_of_numbers_says_what_early_exit_saves_and_loses(numbers):
+    results, told = (pd.read_csv(numbers.folder / f"{name}.csv") for name in ("results", "told"))
+    early, row = numbers.answer["early_exit"], results.iloc[0]
+    assert early["ms"] == pytest.approx(
+        1000 * row["exit_steps"] / hdf5.load_spikes(spikes_of(numbers)).sampling_rate_Hz
+    )
+    assert early["score"] == pytest.approx(row["exit_accuracy"])
+    error = told["early_force_N"] - told["true_force_N"]
+    assert early["rmse_force_N"] == pytest.approx((error**2).mean() ** 0.5) == pytest.approx(row["exit_rmse_force_N"])
+    assert early["energy_nJ"] <= numbers.answer["network"]["energy_nJ"]
+    said = f"Early exit is {'used' if early['used'] else 'not used'}: "
+    assert sum(line.startswith(said) for line in numbers.answer["details"]) == 1
+
+
+def spikes_of(found):
+    return found.folder / next(engine.cells(found.study)).given
+
+
+@pytest.mark.parametrize("bound", [0.004, 0.5, math.nan])
+def test_early_exit_is_in_the_answer_where_the_bound_of_its_loss_allows_it(bound, numbers):
+    cell, target = next(engine.cells(numbers.study)), ["force_N", "speed"]
+    whole = {"whole_ms": 300.0, "whole_nJ": 6.0, "whole_sops": 9.0, "whole_spikes": 8.0}
+    early = {"early_ms": 120.0, "early_nJ": 4.0, "early_sops": 3.0, "early_spikes": 2.0}
+    rows = pd.DataFrame([{"pair": "5", "hidden": 0, **whole, **early}])
+    (way,) = networks_of(numbers.folder, rows, [cell], target)
+    assert way.early is not None
+    assert way.nJ == 6.0
+    assert (way.early.way.nJ, way.early.way.sops, way.early.way.found["ms"]) == (4.0, 3.0, 120.0)
+    way = way._replace(early=way.early._replace(bound=bound))
+    page = words.screen("touch", Compared.of([way], []), target, "a list", "cells/a")
+    (figure,) = (one for one in page.figures if one.what == "time to answer")
+    is_used = bound <= 0.01
+    assert figure.value == ("120 ms" if is_used else "300 ms")
+    assert ("energy 4 nJ" in figure.of and figure.of.endswith("300 ms without")) == is_used
+    assert page.numbers["early_exit"]["used"] == is_used
+    assert sum("with early exit" in row[0] for row in page.tables[0].rows) == is_used
+    known = "no rule saves steps" if math.isnan(bound) else f"it may lose up to {bound:.2g} of the score"
+    assert any(line.startswith(f"Early exit is {'' if is_used else 'not '}used: {known}") for line in page.details)
 
 
 def test_a_study_of_events_says_how_many_how_soon_how_often_wrong_and_at_what_cost(events):
@@ -615,9 +656,9 @@ def test_in_a_browser_scores_near_1_have_room(scores, is_bent, numbers, tmp_path
         ("presses", ["--target", "force_N", "--false-alarms-per-h", "5"], "`false_alarms_per_h`|false-alarms-per-h"),
         ("presses", ["--false-alarms-per-h", "5"], "false-alarms-per-h"),
         (
-            "presses",
-            ["--target", "force_N", "--set", "early_exit.tolerance=0.1"],
-            "early_exit.tolerance: is of classes",
+            "slips",
+            ["--target", "events", "--set", "early_exit.tolerance=0.1"],
+            "early_exit.tolerance: a detector runs on without windows",
         ),
         ("presses", ["--target", "force_N", "--set", "augmentation.kind=none"], "augmentation.kind: is of classes"),
         ("presses", ["--target", "force_N", "--set", "balance=classes"], "balance: is of classes"),
