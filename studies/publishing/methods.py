@@ -286,10 +286,20 @@ def _network(study: StudySpec, network: RSNNSpec, ran: Ran) -> Iterator[str]:
     if study.balance != "none":
         yield f"Training windows were weighted so that all {study.balance} count the same."
     yield _sweep(study)
+    yield from _early_exit(study)
+
+
+def _early_exit(study: StudySpec) -> Iterator[str]:
+    tolerance = study.early_exit.tolerance
     if not _target(study):
         yield (
             "Early exit stops a window where its decision is stable; its patience may lose "
-            f"{100 * study.early_exit.tolerance:g} % of the validation trials."
+            f"{100 * tolerance:g} % of the validation trials."
+        )
+    elif _target(study) != ["events"]:
+        yield (
+            "Early exit stops a window where its numbers have settled; its patience and band may lose "
+            f"{tolerance:g} of the score on validation trials."
         )
 
 

@@ -1,6 +1,8 @@
 """Streams, C and NIR tell the numbers that a network tells of whole windows, value for value."""
 
+import json
 import re
+import shutil
 import struct
 
 import numpy as np
@@ -16,6 +18,7 @@ from neurotact_parts.streams.stream import Stream
 
 import neurotact as nt
 from neurotact.errors import InputError
+from neurotact.files import read_json
 from neurotact.networks.exit.rule import FULL_WINDOW, ExitRule
 from neurotact.networks.training.sparsity import prune
 
@@ -225,6 +228,21 @@ def test_nir_holds_the_numbers(run):
     spikes = (torch.rand(4, 120, network.n_inputs, generator=torch.Generator().manual_seed(0)) < 0.2).to(torch.uint8)
     assert torch.equal(again.infer(spikes).readout, network.infer(spikes).readout)
     assert found.classes == ("force_N", "depth_mm")
+
+
+def test_streams_and_nir_take_the_rule_of_a_run(run, tmp_path):
+    shutil.copytree(run / "run", tmp_path / "run")
+    table = read_json(tmp_path / "run" / "network.json")
+    table["extra"] |= {"exit_patience": 3, "exit_band": [0.5, 2.0], "exit_losses": {"0": 0.0, "1": 0.0}}
+    (tmp_path / "run" / "network.json").write_text(json.dumps(table))
+    rule = ExitRule(3, from_first_spike=True, band=(0.5, 2.0))
+    assert nt.from_nir(nt.to_nir(tmp_path / "run", network_only=True)).rule == rule
+    stored, own = nt.load(run / "skin.h5"), nt.infer(tmp_path / "run", run / "spikes.h5", early_exit=True)
+    assert isinstance(stored, nt.Recordings)
+    decided = [Stream(tmp_path / "run").push(signal)[0] for signal in stored.signals[:5]]
+    assert [d.steps for d in decided] == own["steps"].tolist()[:5]
+    assert [d.values["force_N"] for d in decided if d.values] == own["predicted_force_N"].tolist()[:5]
+    assert len({d.steps for d in decided}) > 1
 
 
 @pytest.mark.parametrize(

@@ -48,7 +48,11 @@ def test_networks_without_a_hidden_layer_are_fitted_and_not_trained(target, fit)
 @pytest.mark.parametrize(
     ("target", "expected", "left_out"),
     [
-        ("force_N", ["used to tell force_N", "force_N was told by"], ["classified", "Early exit", "logistic"]),
+        (
+            "force_N",
+            ["used to tell force_N", "force_N was told by", "numbers have settled"],
+            ["classified", "logistic"],
+        ),
         ("events", ["Events were detected by", "without a reset"], ["classified", "Early exit", "logistic"]),
     ],
 )
