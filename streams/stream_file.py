@@ -213,7 +213,7 @@ def _window(chain: Chain, numbers: dict[str, int], prefix: str, take: Any) -> Ru
         "leaky": np.float64,
         "stood": np.float64,
     }
-    sizes = dict.fromkeys(("counts", "leaky", "stood"), (1, network.n_classes))
+    sizes: dict[str, tuple[int, ...]] = dict.fromkeys(("counts", "leaky", "stood"), (1, network.n_classes))
     absent = {*([] if network.leaks else ["leaky"]), *([] if chain.rule.band else ["stood"])}
     standing = {
         key: torch.from_numpy(take(f"{prefix}leader.{key}", sizes.get(key, (1,)), kinds.get(key, np.int64)))
