@@ -565,7 +565,7 @@ def _of_afferents(encoder: EncoderSpec) -> Iterator[str]:
     if isinstance(encoder, DrivenSpec) and not encoder.is_signed:
         yield "at `nt.calibrate(..., compare=True)`"
     if not isinstance(encoder, AfferentSpec):
-        yield "at other encoders (the study `which-encoder` compares them)"
+        yield "at other encoders, which the study which-encoder compares"
         return
     yield "at afferents of other membranes (`settings={'encoder.tau_mem_ms': ...}`: 10 sends more spikes than 50)"
     if len(encoder.sa1.grades) == 1:
