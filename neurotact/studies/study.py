@@ -280,7 +280,7 @@ def resolve(
     path, overridden, keys = specs.find(StudySpec.folder, name), overrides or {}, StudySpec.model_fields
     own_axes = sweeps.keys({key.removeprefix(sweeps.SWEEP): [] for key in overridden if key.startswith(sweeps.SWEEP)})
     for key in (key for key in own_axes if key in overridden):
-        raise InputError(f"{key}: is set and swept; give its value, or its values as `{sweeps.SWEEP}{key}`")
+        raise InputError(f"{key}: is set and swept; give its value, or its values as {sweeps.SWEEP}{key}")
     is_shipped = not (overrides or quick) and path in specs.shipped(StudySpec.folder)
     table = automatic.table_of(path)
     table |= {key: automatic.placed(table[key], path) for key in ("dataset",) if key in table}
