@@ -28,6 +28,7 @@ class Screen(NamedTuple):
     details: Sequence[str]
     tables: Sequence[Table]
     numbers: Mapping[str, Any]
+    told: str = ""
 
     def in_words(self) -> dict[str, Any]:
         """The screen for programs: in words, and the numbers by plain names."""
