@@ -126,7 +126,8 @@ def periods_of(axis: str, word: str, sample_ms: float, step_ms: float = 1.0) -> 
     """
     parts = _parts(sample_ms)
     longer = [times * sample_ms / parts for times in (1, 2, 4)] if parts else USUAL_MS
-    every = [step_ms, *(step_ms * float(np.ceil(round(one / step_ms, 6))) for one in longer)]
+    steps = [1.0, *(float(np.ceil(round(one / step_ms, 6))) for one in longer)]
+    every = [step_ms * n_steps for n_steps in dict.fromkeys(steps)]  # of a slow clock, several may be one step
     n = len(axis.split(sweeps.JOIN))
     if n == 1:
         return every

@@ -165,7 +165,7 @@ def sentence(among: Sequence[Choice]) -> str:
         only = "the only one within the error of the best that test trials do not speak against"
         return f"{one.name} is {only}: {right}, for {_spent(one)}."
     level = "at an accuracy that validation trials cannot tell from its own"
-    return f"{one.name} {_saves(one, beside)} of {beside.name}, {level}: {right}, for {_spent(one)}."
+    return f"{one.name} {_saves(one, beside)} {beside.name}, {level}: {right}, for {_spent(one)}."
 
 
 def named(among: Sequence[Choice], found: Savings) -> Choice:
@@ -193,13 +193,13 @@ def _in_sops(among: Sequence[Choice]) -> bool:
 
 
 def _saves(one: Choice, other: Choice) -> str:
-    """What a decision of one costs beside another, in energy or else in synaptic operations."""
+    """What a decision of one costs beside another, whose name follows: in energy, or else in synaptic operations."""
     (mine, its), what = (one.network.used.nJ, other.network.used.nJ), "energy"
     if mine is None or its is None:
         (mine, its), what = (one.network.used.sops, other.network.used.sops), "SOPs"
     if round(100 * mine / its) in (99, 100, 101):
-        return f"takes as much {what} as that" if what == "energy" else f"takes as many {what} as that"
-    return f"saves {100 * (1 - mine / its):.0f} % of the {what}"
+        return f"takes as {'much' if what == 'energy' else 'many'} {what} as"
+    return f"saves {100 * (1 - mine / its):.0f} % of the {what} of"
 
 
 def _spent(one: Choice) -> str:
