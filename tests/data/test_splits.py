@@ -427,7 +427,7 @@ def test_a_class_of_one_group_is_never_taken_from_training():
         ),
         ({"group": ("label",)}, "no training trial of class 'silk' is left"),
         ({"group": ("subjekt",)}, r"split\.group: there is no condition 'subjekt'; did you mean 'subject'\?"),
-        ({"group": ("subject",), "folds": 6}, "subject makes 5 group.s. where 6 are needed"),
+        ({"group": ("subject",), "folds": 6}, "subject makes 5 groups where 6 are needed"),
         (
             {"group": ("half",)},
             r"half has 2 values \(a, b\) where at least three .*`test_where=.*b.*` in place",
@@ -496,7 +496,7 @@ def test_a_copy_joins_groups():
     for fold in range(4):
         split = split_conditions(table, (), SplitSpec(folds=4, fold=fold, group=("subject",)), first)
         assert len({"s0", "s1"} & set(table.subject[split.test])) in (0, 2)
-    with pytest.raises(InputError, match=r"makes 4 group.s. where 5 .* \(of the 40 trials 1 is a copy and does"):
+    with pytest.raises(InputError, match=r"makes 4 groups where 5 .* \(of the 40 trials 1 is a copy and does"):
         split_conditions(table, (), SplitSpec(folds=5, group=("subject",)), first)
 
 

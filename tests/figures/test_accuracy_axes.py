@@ -156,10 +156,10 @@ def test_limits_within_the_whole_stay(drawn, limits):
 def test_the_bars_of_a_protocols_page_end_within_the_whole():
     view = View(("kind",), {"accuracy": "accuracy (%)", "flops": "FLOPs"}, "flops", "accuracy")
     rows = pd.DataFrame({"kind": ["elm"] * 3 + ["svm"], "accuracy": [1.0, 1.0, 0.7, 0.5], "flops": 10.0})
-    page = pages._page_data(pages.over_rows(rows, view), view)
+    page = pages._page_data(pages.over_rows(rows, view), view, {})
     (below, above), alone = (point["bar"] for point in page["points"])
     assert (below, above) == (pytest.approx(100 * np.std([1, 1, 0.7], ddof=1)), pytest.approx(10.0))
     assert alone == [0.0, 0.0]
     assert page["whole"] == 100.0
     costs = View(("kind",), {"flops": "FLOPs"}, "flops", "flops")
-    assert pages._page_data(pages.over_rows(rows, costs), costs)["whole"] is None
+    assert pages._page_data(pages.over_rows(rows, costs), costs, {})["whole"] is None
