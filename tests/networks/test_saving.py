@@ -363,7 +363,7 @@ def test_a_search_says_what_limits_its_answer(saved, run):
 
 def test_a_study_gives_the_network_that_its_report_names(tmp_path):
     told = []
-    with pytest.raises(InputError, match="its report names no network; neurotact study resume .* goes on to its end"):
+    with pytest.raises(InputError, match=r"its report names no network; neurotact study resume .* goes on to its end"):
         save.best_of_study(tmp_path, told.append)
     (tmp_path / "answer.json").write_text(json.dumps({"answers": [{"leader": ""}, {"leader": "b"}]}))
     (tmp_path / "cells" / "b").mkdir(parents=True)
