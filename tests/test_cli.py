@@ -1107,7 +1107,7 @@ def test_a_file_of_ones_own_is_one_command_for_ways_to_save(neurotact, tmp_path,
     assert code == 0
     found = json.loads(again)
     assert found["answers"][0]["headline"] in out
-    assert found["tables"][0]["columns"][0] == "how it is reached"
+    assert found["tables"][0]["columns"][0] == "way"
 
 
 @pytest.mark.parametrize(
