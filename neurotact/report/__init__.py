@@ -4,7 +4,7 @@ Other rooms take:
 
     answer: Answer, Baseline, Network, Trials, interval_of, opponents_of
     encoding_drawings: name_classes
-    first_screen: mark, table_of_configurations, with_interval, within
+    first_screen: interval_in_words, mark, table_of_configurations, with_interval, within
     front: Front, as_json, baseline_as_json, baselines_of, costs_of
     networks: DOWNLOADS, Steps, means_table, write
     page: Figure, PRINTED, Table, if_there, write

@@ -6,6 +6,7 @@ from typing import Any, NamedTuple
 
 import pandas as pd
 
+from neurotact.errors import number_of
 from neurotact.metrics import referee
 from neurotact.metrics.shares import wilson_interval
 from neurotact.report import periods, sentences
@@ -52,11 +53,20 @@ def _accuracy(outcome: Answer[Any, Any]) -> Figure:
     if outcome.verdict is not None and outcome.verdict.kind != "tie" and rival is outcome.decisive:
         against += f", {p_of(outcome.verdict)}"
     if isinstance(shown, Network):
-        n_test, (low, high) = outcome.trials.test, outcome.interval
-        of = f"95 % interval {100 * low:.0f} to {100 * high:.0f} %, {n_test} test trial{'' if n_test == 1 else 's'}"
+        of = interval_in_words(outcome.interval, outcome.trials.test)
     else:
         of = f"{'' if math.isnan(shown.error) else f'± {measure.points(shown.error)}, '}{shown.name}"
     return Figure(measure.what, measure.of(shown.accuracy), of, against)
+
+
+def interval_in_words(interval: tuple[float, float], n_test: int) -> str:
+    """An interval of an accuracy, and its test trials.
+
+    >>> interval_in_words((0.88, 1.0), 27)
+    '95 % interval 88 to 100 %, 27 test trials'
+    """
+    low, high = interval
+    return f"95 % interval {100 * low:.0f} to {100 * high:.0f} %, {number_of(n_test, 'test trial')}"
 
 
 def _in_doubt(one: Baseline | Configuration, outcome: Answer[Any, Any]) -> str:

@@ -6,6 +6,7 @@ from typing import Any, NamedTuple
 
 from scipy.stats import binom
 
+from neurotact.errors import number_of
 from neurotact.metrics import power, referee, starts
 from neurotact.metrics.shares import wilson_interval
 from neurotact.networks.exit import patience
@@ -85,7 +86,7 @@ def evidence(outcome: Answer[Any, Any]) -> str:
     share, n_test = percent(outcome.guess), outcome.trials.test
     if outcome.kind == "nothing learned":
         return f"{_of_best(outcome)}, which guessing reaches too ({share}){_learned_without(outcome)}"
-    of = f"of {n_test} test trial{'' if n_test == 1 else 's'}"
+    of = f"of {number_of(n_test, 'test trial')}"
     return f"{_of_best(outcome)} {of}, guessing in {share}{_learned_without(outcome)}"
 
 

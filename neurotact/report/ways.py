@@ -152,17 +152,7 @@ def seen(
     tables, named: of an answer by its setting, in place of the table of the best of each kind and of its sentences.
     """
     return {
-        "fronts": [
-            Front(
-                one.setting,
-                one,
-                [] if one.setting in named else first_screen.figures(one),
-                [*named[one.setting].details] if one.setting in named else [*sentences.details(one)],
-                tables.get(one.setting) or [first_screen.table_of_configurations(one)],
-                told=named[one.setting].headline if one.setting in named else "",
-            )
-            for one in answers
-        ],
+        "fronts": [_front(one, tables.get(one.setting), named.get(one.setting)) for one in answers],
         "n_rows": int(means["rows"].sum()),
         "note": view.note,
         "costs": {column: view.measures[column] for column in _costs(means, view)},
@@ -222,6 +212,13 @@ def _rows(means: pd.DataFrame, view: View) -> list[list[Entry]]:
 
 def _entry(head: str, mean: Any, sd: Any) -> Entry:
     return Entry("-", "") if mean is None or pd.isna(mean) else Entry(spread(head, mean, sd), scale(head) * float(mean))
+
+
+def _front(one: WayAnswer, tables: Sequence[Table] | None, named: Named | None) -> Front:
+    shown = tables or [first_screen.table_of_configurations(one)]
+    if named is None:
+        return Front(one.setting, one, first_screen.figures(one), [*sentences.details(one)], shown)
+    return Front(one.setting, one, [], [*named.details], shown, told=named.headline)
 
 
 def _page_data(means: pd.DataFrame, view: View, answers: Mapping[str, Named]) -> dict[str, Any]:

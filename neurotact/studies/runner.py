@@ -59,8 +59,7 @@ def run(study: Study, folder: Path, workers: int | None = None, scheduler: str |
                 _compute(engine, study, cells, folder, map_cells)
             except InputError:
                 if (folder / CELLS).exists() or store.read((folder / cells[0].given).parent) is not None:
-                    again = f"neurotact study resume {folder}"
-                    say(f"{folder}: keeps what is done; {again}, or the corrected command, goes on")
+                    say(f"{folder}: keeps what is done; {store.resuming(folder)}, or the corrected command, goes on")
                 elif is_new:
                     files.empty(folder)  # so that the user can correct the command and repeat it
                 raise

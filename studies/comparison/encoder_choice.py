@@ -266,8 +266,8 @@ def figures(among: Sequence[Choice], prices: str) -> list[Figure]:
     """Accuracy and energy of the encoder that is named, beside the best classifier of the signals."""
     found = _savings(among)
     one, other = named(among, found), _beside(among, found)
-    (low, high), used, rival = one.interval, one.network.used, one.rival
-    of = f"95 % interval {100 * low:.0f} to {100 * high:.0f} %, {one.trials.test} test trials"
+    used, rival = one.network.used, one.rival
+    of = first_screen.interval_in_words(one.interval, one.trials.test)
     against = "" if rival is None else f"{rival.name}: {first_screen.with_interval(rival.accuracy, one.trials.test)}"
     shown = [Figure("test accuracy", percent(used.accuracy), f"{one.name}; {of}", against)]
     if used.nJ is not None:

@@ -22,8 +22,8 @@ class ExitRule:
         the first hidden spike that an integrator adds. Otherwise count from the first step, as in the paper's
         Algorithm 1, where class 0 leads a silent readout.
     least_lead: a leading class that leads by less at the decision is refused: the touch is none of the classes.
-    band: of each number that is told, in its unit: it is unchanged as long as it is no farther from the value at which
-        it began to stand. Empty for classes.
+    band: how far each number may move from the value that it had when the count began, in its unit, and still be
+        unchanged. Empty for classes.
     Without patience no trial exits: the full window is simulated.
     """
 

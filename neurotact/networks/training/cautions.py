@@ -7,6 +7,7 @@ import numpy as np
 import pandas as pd
 
 from neurotact.data.splits import SplitSpec
+from neurotact.errors import number_of
 from neurotact.networks.definition.specs import BEST_MEMBERS, MOST_HIDDEN, RSNNSpec, TrainingSpec
 from neurotact.networks.exit.patience import ExitChoice
 from neurotact.networks.training.comparison import Comparison, percent
@@ -127,7 +128,7 @@ def few_test_trials(per_class: Mapping[str, int], split: SplitSpec | None, comma
     own = {0: "one trial is", 1: "its accuracy is 0 or 100 %, and one trial is"}
     share = own.get(n, f"one of them is {100 / max(n, 1):.1f} points of its accuracy, and")
     all_of = f"{share} {100 / total:.1f} points of all {total}"
-    trials = f"{n} test trial{'' if n == 1 else 's'}"
+    trials = number_of(n, "test trial")
     others = (
         f"{len(few)} of {len(per_class)} classes have fewer than {FEW_PER_CLASS} test trials; " if len(few) > 1 else ""
     )

@@ -15,7 +15,7 @@ import pandas as pd
 from neurotact.data.spikes import SpikeTrains
 from neurotact.encoders.cost import NOT_COUNTED, encoding_cost, is_countable, no_cost
 from neurotact.encoders.specs import taxels_of
-from neurotact.errors import InputError
+from neurotact.errors import InputError, number_of
 from neurotact.metrics.flops import SYNAPSES, Cost, Integrator, NotCounted, SpikingLayer, cost, ledger_table
 from neurotact.metrics.prices import ACCESSES, ARITHMETIC_45NM, PriceList
 from neurotact.networks.definition import module, recipe
@@ -277,7 +277,7 @@ def study_ledger(
     counted = [is_row_counted(spec, row) for row in results.to_dict("records")]
     if not all(counted):
         n = counted.count(False)
-        warnings.warn(f"the cost of {n} network{'s' * (n > 1)} is not counted; {GIVES_COST}", stacklevel=2)
+        warnings.warn(f"the cost of {number_of(n, 'network')} is not counted; {GIVES_COST}", stacklevel=2)
         results = results[counted]
     results = results.assign(**{AMONG: results["sops_recurrent"] > 0})
     alike = (STEPS_PER_BIN, STRETCHES, BLOCKS, DIRECT, OWN_KEYS, *OF_COST)
