@@ -1133,6 +1133,7 @@ def test_a_folder_that_holds_another_study_is_refused(refused, tmp_path):
     from neurotact.studies import runner, study
 
     runner._claim(tmp_path / "run", study.resolve("refractory-period", quick=True))
+    (tmp_path / "run" / runner.CELLS).mkdir()  # as when its first cell begins
     words = ("study", "run", "refractory-period", "-o", tmp_path / "run")
     message = refused(words, f"{tmp_path / 'run'}: already holds another study")
     assert "(dataset.parameters.trials = 25, here 100; " in message

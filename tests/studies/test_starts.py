@@ -11,6 +11,7 @@ from neurotact.data.dataset import load_recordings
 from neurotact.data.hdf5 import load_spikes
 from neurotact.data.splits import SplitSpec
 from neurotact.data.windows import WindowSpec
+from neurotact.encoders.encoding import encode_recordings
 from neurotact.errors import InputError
 from neurotact.files import read_json
 from neurotact.networks.training import tasks
@@ -20,12 +21,12 @@ from neurotact.studies.preparation import dataset_of
 
 TINY = Path(__file__).parent / "tiny.toml"
 START = "dataset.parameters.start_mm"
-STARTS = {
-    "sweep.dataset.parameters.start_mm": [1.0, 3.0],
+UNSWEPT = {
     "sweep.encoder.ra1.t_ref_ms & encoder.sa1.t_ref_ms": [[1, 1]],
     "network.hidden": 4,
     "sweep.seed": [0],
 }
+STARTS = {f"sweep.{START}": [1.0, 3.0], **UNSWEPT}
 
 
 @pytest.fixture(scope="module")
@@ -45,7 +46,7 @@ def test_each_cell_works_on_the_recordings_of_its_own_start(run):
         recorded = load_recordings(dataset_of(what, cell)).conditions
         trains = load_spikes(folder / cell.given)
         assert trains.conditions.equals(recorded)
-        alone = study.resolve(TINY, {**STARTS, START: cell.source["parameters"]["start_mm"]})
+        alone = study.resolve(TINY, {**UNSWEPT, START: cell.source["parameters"]["start_mm"]})
         assert [one.digest() for one in study.cells(alone)] == [cell.digest()]
     first, second = (load_spikes(folder / cell.given) for cell in cells)
     assert any(not np.array_equal(*pair) for pair in zip(first.steps, second.steps, strict=True))
@@ -98,8 +99,8 @@ def test_a_sweep_that_cannot_be_is_refused_before_anything_runs(overrides, messa
 
 
 def test_more_windows_are_trained_on_and_validated_than_tested(run):
-    what, folder = run
-    trains = load_spikes(folder / next(study.cells(what)).given)
+    first = next(study.cells(run[0]))
+    trains = encode_recordings(load_recordings(dataset_of(run[0], first)), first.encoder)
     window = WindowSpec(length_ms=50.0, start_ms=100.0, hop_ms=20.0, per_trial=1)
     split = SplitSpec(validation=0.2, test=0.2)
     plain = tasks.sides_of(trains, Task(window=window, split=split))
