@@ -2,13 +2,21 @@
 
 import csv
 import re
+import sys
+from itertools import pairwise
 from pathlib import Path
 
 import pandas as pd
 import pytest
+from matplotlib.patches import Rectangle
+from PIL import Image
 
 ROOT = Path(__file__).parents[1]
 DATA = ROOT / "docs" / "data"
+sys.path.insert(0, str(ROOT / "benchmarks"))
+import pictures  # noqa: E402
+
+sys.path.remove(str(ROOT / "benchmarks"))
 NUMBER = re.compile(r"(?<![\w.])\d+(?:,\d{3})*(?:\.\d+)?")
 DEFAULT = {"start": "repeated (default)"}
 RANDOM = {"start": "random, earlier calibration"}
@@ -132,3 +140,64 @@ def test_what_a_page_shows_stands_in_a_table_that_it_links(page):
         places = len(number.partition(".")[2])
         missing += [] if value(number) in {round(other, places) for other in there} else [(name, number)]
     assert not missing
+
+
+# --- pictures that are drawn from these tables ---------------------------------------------------------
+
+
+@pytest.mark.parametrize("name", pictures.PICTURES)
+def test_a_picture_is_that_of_its_table_as_it_is_now(name):
+    """If not: python benchmarks/pictures.py NAME."""
+    with Image.open(ROOT / "docs" / "images" / f"{name}.png") as image:
+        assert image.info["Description"] == pictures.hash_of(pictures.PICTURES[name].table)
+
+
+@pytest.mark.parametrize("name", pictures.PICTURES)
+def test_a_page_with_a_picture_links_its_table(name):
+    pages = [page.read_text(encoding="utf-8") for page in (ROOT / "docs").rglob("*.md")]
+    shown = [page for page in pages if f"images/{name}.png)" in page]
+    assert any(f"data/{pictures.PICTURES[name].table}.csv)" in page for page in shown)
+
+
+DRAWN = {
+    "braille-reading": ["published (%)", "best epoch on test letters (%)", "last epoch (%)"],
+    "unknown-start": ["on random starts (%)"],
+    "benchmarks": ["ratio"],
+    "calibration-polarity": ["network, with the falling signal (%)"],
+    "recipe-ablation": ["points lost, from"],
+    "savings": ["memory-45nm_saved", "sops_saved", "lost_test"],
+}
+"""Columns of which a picture has every number."""
+
+
+@pytest.mark.parametrize("name", DRAWN)
+def test_a_picture_has_the_numbers_of_its_table(name):
+    table = pictures.read(pictures.PICTURES[name].table)
+    drawn = {round(float(x), 6) for axes in pictures.PICTURES[name].draw(table).axes for line in axes.lines
+             for x in line.get_xdata()}  # fmt: skip
+    expected = {
+        round(number, 6) for column in DRAWN[name] for cell in table[column] for number in pictures.numbers(cell)
+    }
+    assert expected - drawn == set()
+
+
+def test_a_line_of_training_length_has_its_accuracies():
+    table = pictures.read("training-length")
+    figure = pictures.PICTURES["training-length"].draw(table)
+    rows = table[(table["start"] == "repeated (default)") & (table["t_ref"] == "1&1")]
+    by_patience = {
+        patience: [float(cell) for cell in cells] for patience, cells in rows.groupby("patience")["accuracy (%)"]
+    }
+    drawn = [list(container.lines[0].get_ydata()) for container in figure.axes[0].containers]
+    assert drawn == [by_patience["7"], by_patience["30"]]
+
+
+def test_bars_of_claims_count_the_verdicts_and_add_up():
+    table = pictures.read("texture-claims")
+    bars = [
+        bar for bar in pictures.PICTURES["texture-claims"].draw(table).axes[0].patches if isinstance(bar, Rectangle)
+    ]
+    assert sum(bar.get_width() for bar in bars) == len(table)
+    assert sum(bar.get_width() for bar in bars[: len(bars) // 3]) == table["verdict"].str.startswith("yes").sum()
+    thirds = [bars[first :: len(bars) // 3] for first in range(len(bars) // 3)]
+    assert all(a.get_x() + a.get_width() == b.get_x() for row in thirds for a, b in pairwise(row))
