@@ -152,4 +152,4 @@ def with_training(cuts: opponents.Cuts, trains: SpikeTrains, cell: Cell, parts: 
 
 def copied_part(recordings: Recordings, *cells: Cell) -> Recordings:
     """The trials as far as the windows of the cells' copies reach; whole trials if these begin at an onset."""
-    return until(recordings, reach_ms(*cells))
+    return until(recordings, reach_ms(*cells, recorded_Hz=recordings.sampling_rate_Hz))
