@@ -153,9 +153,8 @@ class StudySpec(Spec):
     @model_validator(mode="after")
     def _sweeps_known_subsets(self) -> "StudySpec":
         sweeps.check(self.sweep)
-        names = [name for name in sweeps.values(self.sweep, "encoder") if isinstance(name, str)]
-        models = [encoders.load(name).model for name in dict.fromkeys(names)]
-        if len(set(models)) < len(models):
+        names = {name for name in sweeps.values(self.sweep, "encoder") if isinstance(name, str)}
+        if len(encoder_names(self)) < len(names):
             raise ValueError("sweep.encoder: two encoders have the same model, by which results name them; drop one")
         if sweeps.values(self.sweep, T_REF) and not names:
             raise ValueError(f"sweep.{T_REF}: is swept with 'encoder', as in \"encoder & {T_REF}\"")
@@ -610,6 +609,17 @@ def encoder_columns(study: StudySpec) -> list[str]:
     """Of `setting_columns`, those that decide the spikes, such as `encoder.tau_mem_ms`, and their varied copies."""
     begins = calibration_keys.ENCODER, COPIES
     return [key for key in setting_columns(study) if key in OF_SPIKES or key.startswith(begins)]
+
+
+def encoder_names(study: StudySpec) -> dict[str, str]:
+    """The encoders that a study sweeps, by their models, which tables hold."""
+    names = [name for name in sweeps.values(study.sweep, "encoder") if isinstance(name, str)]
+    return {encoders.load(name).model: name for name in dict.fromkeys(names)}
+
+
+def has_one_window(study: StudySpec) -> bool:
+    """Whether the networks of all cells have the windows of the first one, as the opponents have."""
+    return not any(key.startswith("window.") or key == "training_windows" for key in swept_columns(study))
 
 
 def has_one_split(study: StudySpec) -> bool:

@@ -26,7 +26,7 @@ from neurotact.report.way_answer import Configuration
 from neurotact.report.wording import Measure
 from neurotact.studies.cell import task_of
 from neurotact.studies.store import ANSWER, cell_folder, is_done, result_of
-from neurotact.studies.study import Cell, StudySpec, has_one_split, setting_columns
+from neurotact.studies.study import Cell, StudySpec, has_one_split
 from neurotact.studies.way import View
 from neurotact.tables import read_table, write_table
 
@@ -57,7 +57,7 @@ def write(study: StudySpec, folder: Path) -> Path:
     target = parameters_of(study.parameters).target
     every = [*cells(study)]
     done = [cell for cell in every if is_done(folder, cell)]
-    results = with_setting(with_pair(read_table(folder / "results.csv"), study), setting_columns(study))
+    results = with_setting(with_pair(read_table(folder / "results.csv"), study), study)
     trains, afferents = first_spikes(folder, done), afferents_of(folder, done)
     n_values = len(tasks.names_of(trains, task_of(done[0]))) if trains else len(target)
     results = results.join(front.costs_of(study, results, afferents, n_values))
