@@ -85,7 +85,7 @@ def _fit_at_once(recordings: Recordings, cell: Cell) -> bool:
 
     Not by `steps_of`: windows of the encoder's clock may be shorter than a sample of the recordings.
     """
-    rate_Hz, window = recordings.sampling_rate_Hz, cell.window
+    rate_Hz, (window, _) = recordings.sampling_rate_Hz, tables_beside.windows_of(cell)
     hop = (window.hop_ms or window.length_ms) * 1e-3 * rate_Hz
     n_windows = np.minimum(recordings.lengths // hop + 1, window.per_trial or np.inf).sum()
     return 8 * n_windows * (window.length_ms * 1e-3 * rate_Hz * recordings.n_channels + MINIROCKET) <= MOST_AT_ONCE

@@ -61,11 +61,13 @@ def write(study: StudySpec, folder: Path) -> Path:
     trains, afferents = first_spikes(folder, done), afferents_of(folder, done)
     n_values = len(tasks.names_of(trains, task_of(done[0]))) if trains else len(target)
     results = results.join(front.costs_of(study, results, afferents, n_values))
-    others = [*rivals_of(tables_beside(study, folder), study, target)]
-    compared = {
-        str(setting): Compared.of([*networks_of(folder, rows, done, target)], others)
-        for setting, rows in results.groupby("setting", sort=False)
-    }
+    beside = tables_beside(study, folder)
+
+    def compared_of(rows: pd.DataFrame) -> Compared:
+        others = [*rivals_of(beside, study, target, rows.iloc[0].to_dict())]
+        return Compared.of([*networks_of(folder, rows, done, target)], others)
+
+    compared = {str(setting): compared_of(rows) for setting, rows in results.groupby("setting", sort=False)}
     screens = [
         screen(setting, one, target, study.prices.name, place, _next(study, folder, place))
         for setting, one in compared.items()
