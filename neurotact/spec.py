@@ -616,7 +616,8 @@ def _explain(model: type[BaseModel], error: ValidationError) -> str:
     if first["type"] in ("model_type", "dict_type"):
         return f"{key}: must be a table; got {first['input']!r}"
     own = first.get("ctx", {}).get("error")
-    if isinstance(own, InputError) and isinstance(first["input"], Mapping):
+    names_key = isinstance(own, InputError) or re.match(r"[\w.]+: ", str(own))
+    if names_key and isinstance(first["input"], Mapping):
         return ".".join([*path, str(own)])  # of the keys of a part, which says where
     message = first["msg"].replace("Input should be ", "must be ").replace("Value error, ", "")
     message = re.sub(
