@@ -9,7 +9,7 @@ from typing import NamedTuple
 import numpy as np
 from neurotact_parts.readers.clock.shared import own_interval
 from neurotact_parts.readers.clock.stamps import MOST_DROPPED, Stamps, middle_of, on_clock, rate_of, stamps_of
-from neurotact_parts.readers.doubts import Fixes, are_thousandths, say_doubts
+from neurotact_parts.readers.doubts import Fixes, are_thousandths, say_doubts, say_unit, units_in
 
 from neurotact.data.readers.clock.units import UNIT_S, Unit, timings
 from neurotact.data.readers.columns import Missing, Samples
@@ -103,8 +103,15 @@ def recordings_of(
         )
     recordings_read = Recordings(signals, rate_Hz, unit, conditions, channels, source)
     if fixes is not None:
+        say_unit({**units_in(channels), **units_of(read, channels)}, unit, where)
         say_doubts(recordings_read, where, fixes, rate_is_given=sampling_rate_Hz is not None)
     return recordings_read
+
+
+def units_of(read: Sequence[Read], channels: Sequence[str]) -> dict[str, str]:
+    """The units of taxels that files say beside their names, by taxel."""
+    names = channels or [f"taxel {taxel}" for taxel in range(1, read[0].table.signal.shape[1] + 1)]
+    return {name: unit for trial in read for name, unit in zip(names, trial.table.units, strict=False)}
 
 
 def _unit_of_time(tables: Sequence[Samples], given_Hz: float | None, where: str) -> Unit:

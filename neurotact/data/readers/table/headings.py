@@ -284,7 +284,7 @@ def open_table(
         notes.append(f"the comment in line {head.comment} names the columns: {some(head.names)}")
     if head.units:
         listed = some([unit for unit in head.units if unit])
-        notes.append(f"the line of units is no sample ({listed}); that of the signals is `unit`, as given")
+        notes.append(f"the line of units is no sample ({listed})")
     body = text[samples.begin :]
     its_decimal = decimal or _decimal_in(body, usual.separator)
     notes += [COMMAS] if its_decimal != (decimal or ".") else []
