@@ -15,7 +15,7 @@ from neurotact.data.readers.clock.units import UNIT_S, Unit, timings
 from neurotact.data.readers.columns import Missing, Samples
 from neurotact.data.readers.table.headings import check_first_row, rate_in
 from neurotact.data.recordings import LABEL, Recordings, check_named_classes
-from neurotact.errors import InputError, number_of, some
+from neurotact.errors import InputError, in_digits, number_of, some
 from neurotact.files import check_size
 from neurotact.lazily import lazily
 
@@ -123,7 +123,10 @@ def _unit_of_time(tables: Sequence[Samples], given_Hz: float | None, where: str)
     fitting = timings(times, given_Hz) if times else []
     if not fitting or fitting[0].unit == "s":
         return "s"
-    said = [f"{timing.unit} (trials of {timing.trial_s:.3g} s at {timing.rate_Hz:.4g} Hz)" for timing in fitting]
+    said = [
+        f"{timing.unit} (trials of {in_digits(timing.trial_s)} s at {in_digits(timing.rate_Hz, 4)} Hz)"
+        for timing in fitting
+    ]
     if len(fitting) > 1:
         raise InputError(f"{where}: the time stamps may be in {' or '.join(said)}; give their unit with `time_unit`")
     log.warning("%s: the time stamps are taken as %s; if that is wrong, give their unit with `time_unit`", where, *said)
@@ -153,8 +156,8 @@ def _on_one_clock(trials: Sequence[_Trial], given_Hz: float | None, where: str) 
         )
     if not 1 / OTHER_UNIT < found_Hz / rate_Hz < OTHER_UNIT:
         raise InputError(
-            f"{where}: the time stamps give {found_Hz:.3g} Hz and `sampling_rate_Hz` says {rate_Hz:g} Hz; give the "
-            "unit of the stamps with `time_unit` (s, ms, us, ns), or leave `sampling_rate_Hz` out"
+            f"{where}: the time stamps give {in_digits(found_Hz)} Hz and `sampling_rate_Hz` says {rate_Hz:g} Hz; give "
+            "the unit of the stamps with `time_unit` (s, ms, us, ns), or leave `sampling_rate_Hz` out"
         )
     n_ticks = sum(trial.time_s[-1] * rate_Hz for trial in stamps)
     check_size(f"{where} at {rate_Hz:g} Hz", int(4 * n_ticks * trials[0].signal.shape[1]))
