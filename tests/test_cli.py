@@ -795,7 +795,7 @@ def test_a_file_of_another_kind_is_named(refused, made, tmp_path):
 @pytest.mark.parametrize(
     ("text", "expected"),
     [
-        ("a,b\n1,2\n3\n", "line 3 has 1 columns where 2 are expected"),
+        ("a,b\n1,2\n3\n", "line 3 has 1 column where 2 are expected"),
         ("", "holds no row"),
         ("a,b\n", "holds no row"),
         ("a,b\n1,nan\n", "line 2, column 2 (b) is nan"),

@@ -22,7 +22,7 @@ from neurotact.data.readers.table.cells import (
 )
 from neurotact.data.readers.table.headings import check_first_row, is_sample, open_table
 from neurotact.data.recordings import LABEL
-from neurotact.errors import InputError, nearest, some
+from neurotact.errors import InputError, nearest, number_of, some
 from neurotact.spec import Names, Spec, chosen
 
 Missing = Literal["interpolate", "drop-trial"]
@@ -501,7 +501,7 @@ def _places(choice: str, names: tuple[str, ...], n_columns: int, option: str, pa
     last = int(match[2] or first)
     if not 1 <= first <= last <= n_columns or (option == "`time_column`" and last > first):
         raise InputError(
-            f"{path}: {option}: {choice} is not there, since this file has {n_columns} columns, numbered from 1; name "
-            "columns that it has, or move it away if it is from another sensor"
+            f"{path}: {option}: {choice} is not there, since this file has {number_of(n_columns, 'column')}, "
+            "numbered from 1; name columns that it has, or move it away if it is from another sensor"
         )
     return list(range(first - 1, last))

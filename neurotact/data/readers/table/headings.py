@@ -29,7 +29,7 @@ from neurotact.data.readers.table.cells import (
     splits_thousands,
 )
 from neurotact.data.readers.table.texts import read_any_text
-from neurotact.errors import InputError, some
+from neurotact.errors import InputError, number_of, some
 
 log = logging.getLogger("neurotact")
 
@@ -449,7 +449,7 @@ def _fault_of(row: Sequence[str], n_columns: int) -> str:
         fix = "; write numbers without separators of thousands and with decimal points"
     elif len(row) > n_columns:
         fix = "; give all lines the same columns"
-    return f"has {len(row)} columns where {n_columns} are expected{fix}"
+    return f"has {number_of(len(row), 'column')} where {n_columns} {'is' if n_columns == 1 else 'are'} expected{fix}"
 
 
 def _hint(usual: _UsualRow, n_names: int) -> str:
