@@ -658,6 +658,39 @@ def test_in_a_browser_a_line_has_the_name_of_the_verdict_and_no_mark_in_it(chrom
     assert chromium.evaluate(OVER) == [1, 0]
 
 
+OVER_LINES = """(() => {
+  const names = [...document.querySelectorAll("#plot .annotation-text")].map((part) => part.getBoundingClientRect());
+  const points = [...document.querySelectorAll("#plot .scatterlayer .lines path")].flatMap((path) => {
+    const n = Math.ceil(path.getTotalLength() / 2), place = path.getScreenCTM();
+    return Array.from({ length: n + 1 }, (_, i) => path.getPointAtLength(2 * i).matrixTransform(place));
+  });
+  return names.filter(({ left, right, top, bottom }) =>
+    points.some(({ x, y }) => left < x && x < right && top < y && y < bottom)).length;
+})()"""
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("width", [400, 1400])
+def test_in_a_browser_the_name_of_a_line_along_the_front_hides_neither_marks_nor_the_front(
+    chromium, rivalled, width, tmp_path
+):
+    """The front rises around the rival's line from one end of the picture to the other."""
+    data = json.loads(Page(rivalled).json)
+    front = next(iter(data["fronts"].values()))
+    one, level = front["networks"][front["best"]], front["beside"]["accuracy"]
+    around = [{"accuracy": level + 0.001 * (at - 30), "nJ": 100.0 + 10 * at} for at in range(60)]
+    around += [{"accuracy": level - 0.004 + 0.008 * (at % 2), "nJ": 100.0 + 10 * at} for at in range(60)]
+    front["networks"] = [one | {"early": None, "whole": one["whole"] | reached} for reached in around]
+    front |= {"best": 59, "used": "whole", "cost": "nJ", "guess": 0.0}
+    page, (before, _, after) = tmp_path / "report.html", rivalled.read_text().partition(Page(rivalled).json)
+    page.write_text(before + json.dumps(data) + after)
+    chromium.open(f"{page.as_uri()}#cost=nJ", width)
+    chromium.wait_for(f"{DRAWN} && document.querySelector('#plot .annotation-text')")
+    assert chromium.evaluate(OVER) == [1, 0]
+    assert chromium.evaluate(OVER_LINES) == 0
+    assert_quiet(chromium, page)
+
+
 APART = """(() => {
   const boxes = (parts) => [...document.querySelectorAll(parts)].map((part) => part.getBoundingClientRect());
   const meet = (a, b) => a.left < b.right && b.left < a.right && a.top < b.bottom && b.top < a.bottom;
