@@ -9,7 +9,7 @@ import pandas as pd
 from numpy.typing import ArrayLike, DTypeLike
 
 from neurotact.classes import NO_CLASSES, measurement_in
-from neurotact.errors import InputError, nearest
+from neurotact.errors import InputError, nearest, number_of
 
 log = logging.getLogger("neurotact")
 
@@ -69,7 +69,7 @@ def check_last_axis(values: np.ndarray, n_last: int, axes: str, name: str = "X")
         raise InputError(
             f"{name}: is ({swapped}), as {n_last} is the number of {last}s; give {name}.transpose({order})"
         )
-    raise InputError(f"{name}: has {values.shape[-1]} {last}s, but training had {n_last}; give those")
+    raise InputError(f"{name}: has {number_of(values.shape[-1], last)}, but training had {n_last}; give those")
 
 
 def swapped(n_steps: int, n_last: int, what: str, fix: str) -> str:
@@ -140,7 +140,7 @@ def trial_labels(y: ArrayLike, n_trials: int, name: str = "y") -> np.ndarray:
     labels = np.asarray(y)
     if labels.shape != (n_trials,):
         raise InputError(
-            f"{name}: has the shape {labels.shape} where X has {n_trials} trials; give one label per trial"
+            f"{name}: has the shape {labels.shape} where X has {number_of(n_trials, 'trial')}; give one label per trial"
         )
     missing = np.flatnonzero(pd.isna(labels))
     if len(missing):

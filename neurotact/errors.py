@@ -70,6 +70,15 @@ def number_of(n: int, noun: str) -> str:
     return f"{n} {one}{'' if n == 1 else 'es' if one.endswith('s') else 's'}{of}{what}"
 
 
+def in_digits(value: float, digits: int = 3) -> str:
+    """A number with so many digits, or with all before its point if these are more, and then without an exponent.
+
+    >>> in_digits(0.12345), in_digits(123.4), in_digits(1234.0), in_digits(100.0, 2)
+    ('0.123', '123', '1,234', '100')
+    """
+    return f"{value:.{digits}g}" if abs(value) < 10**digits - 0.5 else f"{value:,.0f}"
+
+
 def first_line(error: BaseException) -> str:
     """An error of other code in one line: its type and the first line of its message.
 

@@ -481,10 +481,10 @@ def parse_assignments(assignments: list[str]) -> dict[str, Any]:
 
 
 def assignments_of(settings: Mapping[str, Any], sign: str = "=") -> list[str]:
-    """Settings as they are typed, `KEY=VALUE`; a value of `...` stays, as the place for one.
+    """Settings as they are typed, `KEY=VALUE`; `VALUE` is the place for one, which `...` stands for in Python.
 
     >>> assignments_of({"sa1.t_ref_ms": 5.0, "window.length_ms": ..., "membrane": "eq4"})
-    ['sa1.t_ref_ms=5', 'window.length_ms=...', 'membrane=eq4']
+    ['sa1.t_ref_ms=5', 'window.length_ms=VALUE', 'membrane=eq4']
     """
     return [f"{key}{sign}{as_text(value)}" for key, value in settings.items()]
 
@@ -493,10 +493,10 @@ def as_text(value: Any) -> str:
     """A value as it is typed.
 
     >>> as_text(300.0), as_text(...), as_text("eq4")
-    ('300', '...', 'eq4')
+    ('300', 'VALUE', 'eq4')
     """
     if value is ...:
-        return "..."
+        return "VALUE"
     return f"{value:g}" if isinstance(value, float) else str(value)
 
 
@@ -616,7 +616,8 @@ def _explain(model: type[BaseModel], error: ValidationError) -> str:
     if first["type"] in ("model_type", "dict_type"):
         return f"{key}: must be a table; got {first['input']!r}"
     own = first.get("ctx", {}).get("error")
-    if isinstance(own, InputError) and isinstance(first["input"], Mapping):
+    names_key = isinstance(own, InputError) or re.match(r"[\w.]+: ", str(own))
+    if names_key and isinstance(first["input"], Mapping):
         return ".".join([*path, str(own)])  # of the keys of a part, which says where
     message = first["msg"].replace("Input should be ", "must be ").replace("Value error, ", "")
     message = re.sub(

@@ -24,7 +24,8 @@ with lazily():
 SUFFIXES = (".csv", ".json", ".md", ".tex")
 NETWORK = ["setting", "pair", "hidden"]
 LAYERS = "layers"
-"""Column of results with a network of several hidden layers: the neurons of each, as 20+10."""
+"""Column of results with a network of several hidden layers: the neurons of each, as 20+10; or `UNCOUNTED`."""
+UNCOUNTED = "not counted"
 FORMULA = re.compile(r"'*[=+\-@\t\r\n].", re.DOTALL)
 """A text that a spreadsheet runs as a formula, or that starts with ' already."""
 NUMBER = re.compile(r"[+-](\d+\.?\d*|\.\d+)([eE][+-]?\d+)?")
@@ -136,21 +137,22 @@ def size_of(row: Mapping[str, Any] | pd.Series) -> str:
 def sized(row: Mapping[str, Any] | pd.Series) -> str:
     """The size of the network of a row of results, short.
 
-    0: it has no hidden layer, or does not count its neurons (`in_words_of_size`).
-
-    >>> sized({"hidden": 30}), sized({"hidden": 0})
-    ('N = 30', 'N = 0')
+    >>> sized({"hidden": 30}), sized({"hidden": 0}), sized({"hidden": 0, "layers": UNCOUNTED})
+    ('N = 30', 'N = 0', 'N not counted')
     """
-    return f"N = {size_of(row)}"
+    size = size_of(row)
+    return f"N {size}" if size == UNCOUNTED else f"N = {size}"
 
 
 def in_words_of_size(row: Mapping[str, Any] | pd.Series, own_keys: object = None) -> str:
     """The size of a network where there is space; own_keys: of one that is a part, which may not count its neurons.
 
     >>> in_words_of_size({"hidden": 0}), in_words_of_size({"hidden": 0}, '{"model": "mine"}')
-    ('no hidden layer', 'N = 0')
+    ('no hidden layer', 'N not counted')
     """
-    return sized(row) if row["hidden"] or isinstance(own_keys, str) else "no hidden layer"
+    if row["hidden"] == 0:
+        return f"N {UNCOUNTED}" if isinstance(own_keys, str) else "no hidden layer"
+    return sized(row)
 
 
 def means_over(table: pd.DataFrame, by: Sequence[str], measures: Iterable[str], counted: str) -> pd.DataFrame:

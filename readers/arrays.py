@@ -4,17 +4,17 @@ from __future__ import annotations
 
 import logging
 import re
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from pathlib import Path
 from typing import Any, NamedTuple
 
 import h5py
 import numpy as np
-from neurotact_parts.readers.doubts import Fixes, say_doubts
+from neurotact_parts.readers.doubts import Fixes, say_doubts, say_unit, units_in
 from neurotact_parts.readers.numpy_files import read_array, read_arrays
 
-from neurotact.data.hdf5_input import Declared, own_members, reading
+from neurotact.data.hdf5_input import Declared, attribute, own_members, reading
 from neurotact.data.readers.columns import GUESSES, OF_ARRAYS, called
 from neurotact.data.readers.formats import Arrays, Cells, arrays_in, holding, suffixes
 from neurotact.data.readers.table.cells import check_digits, check_width, columns_of, values_of
@@ -37,6 +37,8 @@ RATES = (
     "samplingfrequencyhz", "srate", "sfreq", "ratehz",
 )  # fmt: skip
 """Names of a sampling rate in Hz, in small letters alone."""
+UNIT_NAMES = ("unit", "units")
+"""Names of arrays of one text, and of attributes, with the unit of the signals."""
 SAME_RATE = 1e-6
 """Share by which a rate that is saved may differ from the given one: it was rounded."""
 TRIAL, TIME, TAXEL, ROW, COLUMN = "trial", "time", "taxel", "row", "column"
@@ -57,7 +59,8 @@ class ArrayFile(NamedTuple):
     """The arrays of a file: the shape of each by its name, and a function that reads one.
 
     A matrix of one row or one column is a vector. cells: the cell arrays of a MATLAB file, a matrix per trial; others:
-    its variables that are neither numbers nor texts.
+    its variables that are neither numbers nor texts. units: of arrays of an HDF5 file, and
+    of the file by no name, by the attributes that say them.
     """
 
     path: Path
@@ -65,6 +68,7 @@ class ArrayFile(NamedTuple):
     read: Callable[[str], Any]
     cells: Mapping[str, Cells] = {}
     others: Sequence[str] = ()
+    units: Mapping[str, Mapping[str, str]] = {}
 
     def values(self, name: str) -> np.ndarray:
         """An array of numbers or texts; a matrix of one row or one column is a vector."""
@@ -108,7 +112,8 @@ def opened_arrays(path: str | Path) -> Iterator[ArrayFile]:
     if suffix in (".h5", ".hdf5"):
         with reading(path, "arrays", "the program that made it") as file:
             declared = Declared(file, path)
-            yield ArrayFile(path, {name: _flat(shape) for name, shape in _datasets(file, "")}, declared.value)
+            shapes = {name: _flat(shape) for name, shape in _datasets(file, "")}
+            yield ArrayFile(path, shapes, declared.value, units=dict(_units(file, shapes, path)))
         return
     if suffix == ".npz":
         held = Arrays(read_arrays(path))
@@ -137,11 +142,23 @@ def _datasets(group: h5py.Group, prefix: str, depth: int = 0) -> Iterator[tuple[
             yield from _datasets(member, f"{prefix}{name}/", depth + 1)
 
 
+def _units(file: h5py.File, names: Iterable[str], path: Path) -> Iterator[tuple[str, dict[str, str]]]:
+    """The units that attributes say, of the file (no name) and of its datasets."""
+    for name in ("", *names):
+        of, holder = f" of {name}" if name else "", file[name or "/"]
+        keys = [key for key in UNIT_NAMES if key in holder.attrs and holder.attrs.get_id(key).shape == ()]
+        yield name, {f"attribute {key}{of}": str(attribute(holder, key, path)) for key in keys}
+
+
 # --- the sampling rate ------------------------------------------------------------------------------
 
 
+def _ends(name: str, known: Sequence[str]) -> bool:
+    return re.sub(r"[^a-z]", "", name.rpartition("/")[2].lower()) in known
+
+
 def _is_rate(name: str) -> bool:
-    return re.sub(r"[^a-z]", "", name.rpartition("/")[2].lower()) in RATES
+    return _ends(name, RATES)
 
 
 def said_rates(file: ArrayFile) -> dict[str, float]:
@@ -249,13 +266,14 @@ def _stacked_cells(
 class Loaded(NamedTuple):
     """What a file of arrays holds: one `(time, taxel)` array per trial, or one `(trial, time, taxel)` array.
 
-    channels: the taxels' names; none if the file has none.
+    channels: the taxels' names; none if the file has none. units: those that the file says, by what says them.
     """
 
     signals: Sequence[np.ndarray] | np.ndarray
     conditions: pd.DataFrame
     channels: tuple[str, ...]
     sampling_rate_Hz: float
+    units: Mapping[str, str]
 
 
 def read(
@@ -277,6 +295,7 @@ def read(
     for trial, signal in enumerate(parts.signals):
         check_digits(np.asarray(signal), f"{path}: trial {trial}")
         check_first_row(np.asarray(signal), f"{path}: trial {trial}", 0)
+    say_unit(parts.units, unit, str(path))
     recordings = Recordings(
         parts.signals, parts.sampling_rate_Hz, unit, parts.conditions, parts.channels, f"arrays of {Path(path).name}"
     )
@@ -315,13 +334,18 @@ def load(
                 "%s: '%s' has the axes %s: %d taxels, named %s to %s row by row",
                 file.path, name, ", ".join(order), n_taxels, channels[0], channels[-1],
             )  # fmt: skip
-        others = [other for other in file.shapes if other not in (name, channels_at, label_at) and not _is_rate(other)]
+        units = {**file.units.get("", {}), **file.units.get(name, {})}
+        said_by = [key for key, shape in file.shapes.items() if shape in ((), (1,)) and _ends(key, UNIT_NAMES)]
+        units |= {key: str(file.values(key).item()) for key in said_by}
+        known = (name, channels_at, label_at, *said_by)
+        others = [other for other in file.shapes if other not in known and not _is_rate(other)]
         of_trials = [other for other in others if file.shapes[other] == (len(signals),)]
         table = _conditions(file, label_at, of_trials, given)
         unused = [other for other in (*others, *file.cells) if other not in of_trials and other != name]
         if unused:
             log.warning("%s: not used: %s", file.path, some([file.shown(other) for other in unused]))
-        return Loaded(signals, table, channels, sampling_rate_of(said_rates(file), sampling_rate_Hz, str(file.path)))
+        rate_Hz = sampling_rate_of(said_rates(file), sampling_rate_Hz, str(file.path))
+        return Loaded(signals, table, channels, rate_Hz, {**units_in(channels), **units})
 
 
 def _signals_at(file: ArrayFile, named: str | None, axes: str | None) -> str:

@@ -7,13 +7,15 @@ trials show is doubted, too: a pause, a glitch or one good trial does not make a
 import logging
 import re
 from collections import Counter
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from typing import NamedTuple
 
 import numpy as np
 from neurotact_parts.readers.clock.stamps import GAP, OF_GIVEN_RATE, OF_STAMPS, of_rate
 
+from neurotact.data.readers.clock.units import UNIT_S
 from neurotact.data.readers.table.cells import LOOKED_AT, NEAR_IN_FLOAT32, has_decimals
+from neurotact.data.readers.table.headings import UNITS
 from neurotact.data.recordings import Recordings
 from neurotact.errors import some
 from neurotact.lazily import lazily
@@ -111,6 +113,44 @@ def doubts(recordings: Recordings, fixes: Fixes, *, rate_is_given: bool = True) 
     fix = OF_GIVEN_RATE if rate_is_given else OF_STAMPS
     yield from of_rate(recordings.lengths, recordings.sampling_rate_Hz, fix)
     yield from _of_classes(recordings)
+
+
+def say_unit(said: Mapping[str, str], given: str, where: str) -> None:
+    """Warn of a unit that a file says of its signals and that is not the given one.
+
+    said: units, by what says them; of those that are none of touch, nothing is known.
+    """
+    own, others = _plain(given), {}
+    for name, unit in said.items():
+        if (its := _plain(unit)) in KNOWN and its != own:
+            others.setdefault(SYMBOLS.get(unit.strip().lower(), unit.strip("[]() ")), []).append(name)
+    for unit, names in others.items():
+        log.warning("%s: says %s (%s), but %s is given and used", where, unit, some(names, 2), given)
+
+
+def units_in(names: Sequence[str]) -> dict[str, str]:
+    """The units in the names of taxels, by the names; one letter is a unit if all names of several end in it.
+
+    >>> units_in(["force_mV", "heat [kPa]", "pad_A"]), units_in(["left_N", "right_N"]), units_in(["pad_A"])
+    ({'force_mV': 'mV', 'heat [kPa]': 'kPa'}, {'left_N': 'N', 'right_N': 'N'}, {})
+    """
+    found = {name: match[1] or match[2] for name in names if (match := UNIT_AT_END.search(name))}
+    are_units = len(names) == len(found) > 1 and len({*found.values()}) == 1
+    return {name: unit for name, unit in found.items() if are_units or len(unit) > 1 or not name.endswith(f"_{unit}")}
+
+
+def _plain(unit: str) -> str:
+    """A unit as another one is compared with it."""
+    text = SYMBOLS.get(unit.strip().lower(), unit.strip("[]() ")).replace("µ", "u").replace("μ", "u").casefold()
+    return "count" if text == "counts" else text
+
+
+SYMBOLS = {"volts": "V", "volt": "V", "newtons": "N", "newton": "N", "pascals": "Pa", "amperes": "A", "meters": "m"}
+"""Short names of units that NWB spells out."""
+UNIT_AT_END = re.compile(r"[\[(]\s*([^\s\[\]()]+)\s*[\])]$|_([^\W\d_]+)$")
+"""The unit at the end of a name: in brackets, or after a line."""
+KNOWN = {_plain(unit) for unit in UNITS} - {"-", *UNIT_S}
+"""Units of signals of touch."""
 
 
 def kinds_of_names(names: Sequence[str]) -> str:

@@ -17,7 +17,7 @@ import h5py
 import numpy as np
 from neurotact_parts.readers.clock.stamps import row_times
 from neurotact_parts.readers.clock.trials import Read, recordings_of
-from neurotact_parts.readers.doubts import Fixes
+from neurotact_parts.readers.doubts import SYMBOLS, Fixes
 from neurotact_parts.readers.events.observed import Unobserved, observed_trials, touching, within
 from neurotact_parts.readers.events.spikes import BYTES_PER_EVENT, MOST_AFFERENTS, trains_with_ends
 from neurotact_parts.readers.events.times import SLACK, EventTimes, event_times
@@ -219,8 +219,6 @@ def _observed_by_units(
 NOTES, OURS = "general/notes", "neurotact"
 """The field for data without a place in NWB (JSON), and the key that marks it."""
 STEP_MS = 1.0
-SYMBOLS = {"volts": "V", "volt": "V", "newtons": "N", "newton": "N", "pascals": "Pa", "amperes": "A", "meters": "m"}
-"""Short names of units that NWB spells out."""
 PREFIXES = {"": 1.0, "k": 1e3, "m": 1e-3, "u": 1e-6, "µ": 1e-6}
 OF_TRIALS = "check its times of trials, which NWB has in seconds"
 OF_SERIES = Fixes("save the series without it")

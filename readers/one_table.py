@@ -283,6 +283,7 @@ def _cut(
     for samples in taxels:
         check_digits(samples[np.isfinite(samples)], table.path)
     signal = np.stack(taxels, axis=1).astype(np.float32)
+    units = tuple(table.units[table.names.index(name)] for name in roles.taxels if table.units)
     for begin, end, name in zip(trials.begin, trials.end, trials.names, strict=True):
         its_time = None if clock.time is None else clock.time[begin:end]
         if its_time is not None and spec.time_column is None:
@@ -290,7 +291,7 @@ def _cut(
         missing = np.isnan(signal[begin:end])
         its = Samples(
             roles.taxels, signal[begin:end], its_time, int(begin) + table.first_line, clock.unit,
-            missing=missing if missing.any() else None,
+            missing=missing if missing.any() else None, units=units,
         )  # fmt: skip
         yield Read(f"{table.path}, {name}", name, its)
 

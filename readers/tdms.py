@@ -17,6 +17,8 @@ from neurotact.files import check_size
 
 INTERVAL_S = "wf_increment"
 """The property of a channel with the interval of its samples."""
+UNIT = "unit_string"
+"""The property of a channel with the unit of its samples."""
 VALUE_BYTES = 8
 
 
@@ -41,7 +43,9 @@ def _read(path: Path) -> dict[str, Table]:
             notes = [*said, *([f"holds no number, so no taxel: {some(others)}"] if others else [])]
             intervals_s = [float(channel.properties.get(INTERVAL_S) or 0) or None for channel, _ in used]
             columns = {channel.name: values for channel, values in used}
-            tables[name] = table_of(f"{path}, group '{name[:40]}'", columns, intervals_s, notes)
+            units = tuple(str(channel.properties.get(UNIT) or "") for channel, _ in used)
+            its = table_of(f"{path}, group '{name[:40]}'", columns, intervals_s, notes)
+            tables[name] = its._replace(units=units if any(units) else ())
     if not tables:
         raise InputError(f"{path}: holds no channel of numbers; save the samples of each taxel as a channel")
     return tables

@@ -26,7 +26,7 @@ from neurotact.encoders.specs import (
     taxel_names,
     taxels_of,
 )
-from neurotact.errors import InputError
+from neurotact.errors import InputError, number_of
 from neurotact.networks.definition.executors import LIF_INSTEAD, Subject, require
 from neurotact.networks.definition.rsnn import RSNN, rsnn_of
 from neurotact.networks.exit.rule import FULL_WINDOW, ExitRule
@@ -202,8 +202,8 @@ def _check_taxels(encoder: EncoderSpec, network: RSNN) -> None:
         values = getattr(encoder.conditioning, key)
         if values is not None and len(values) != n_taxels:
             raise InputError(
-                f"encoder: conditioning.{key} has {len(values)} values but the network receives {n_taxels} taxels; "
-                "give the encoder that the network was trained with"
+                f"encoder: conditioning.{key} has {number_of(len(values), 'value')} but the network receives "
+                f"{number_of(n_taxels, 'taxel')}; give the encoder that the network was trained with"
             )
 
 

@@ -25,7 +25,7 @@ from neurotact.data import marks
 from neurotact.data.spikes import SpikeTrains
 from neurotact.data.splits import Split
 from neurotact.data.windows import Windows
-from neurotact.errors import InputError
+from neurotact.errors import InputError, in_digits
 from neurotact.metrics import synops
 from neurotact.metrics.shares import wilson_interval
 from neurotact.networks.definition.network import Network
@@ -390,14 +390,15 @@ def _lines(row: dict[str, float]) -> Iterator[str]:
         f"{row['delay_ms']:.0f} ms (95 % interval {row['delay_ms_low']:.0f} to {row['delay_ms_high']:.0f} ms)"
     )
     yield (
-        f"false alarms: {row['false_alarms']} in {row['tested_s']:.0f} s, {row['false_alarms_per_h']:.3g} an hour "
-        f"(95 % interval {row['false_alarms_per_h_low']:.3g} to {row['false_alarms_per_h_high']:.3g})"
+        f"false alarms: {row['false_alarms']} in {row['tested_s']:.0f} s, {in_digits(row['false_alarms_per_h'])} an "
+        f"hour (95 % interval {in_digits(row['false_alarms_per_h_low'])} to "
+        f"{in_digits(row['false_alarms_per_h_high'])})"
     )
     if row["chosen_on_s"]:
         low, high = rates_of(int(row["chosen_with_false_alarms"]), row["chosen_on_s"] / 3600)
         yield (
             f"threshold: chosen on {row['chosen_on_s']:.0f} s without training, with {row['chosen_with_false_alarms']} "
-            f"false alarms there (95 % interval {low:.3g} to {high:.3g} an hour)"
+            f"false alarms there (95 % interval {in_digits(low)} to {in_digits(high)} an hour)"
         )
 
 
@@ -408,6 +409,6 @@ def _curve(table: pd.DataFrame) -> Iterator[str]:
         enough = table[table["hit_share"] >= share]
         if len(enough):
             best = enough.loc[enough["false_alarms_per_h"].idxmin()]
-            points.append(f"{share:.0%} at {best['false_alarms_per_h']:.3g} ({best['delay_ms']:.0f} ms)")
+            points.append(f"{share:.0%} at {in_digits(best['false_alarms_per_h'])} ({best['delay_ms']:.0f} ms)")
     if points:
         yield f"operating curve on test recordings: found, at false alarms an hour (delay): {', '.join(points)}"

@@ -15,7 +15,7 @@ from neurotact_parts.streams.chain import Chain
 from neurotact_parts.streams.stamped_rows import BEHIND, NEAR_S, Faults, counters_of, wrap_of
 
 from neurotact.data.readers.clock.units import DAY_S
-from neurotact.errors import InputError
+from neurotact.errors import InputError, number_of
 from neurotact.progress import say
 
 UNKNOWN, LEFT_OUT = -1, -2
@@ -74,7 +74,8 @@ class Channels:
         """The same of many events, `(event,)` int64."""
         others = [None] * len(channels) if populations is None else populations.tolist()
         if len(others) != len(channels):
-            raise InputError(f"polarity: has {len(others)} values for {len(channels)} events; give one of each")
+            found, wanted = number_of(len(others), "value"), number_of(len(channels), "event")
+            raise InputError(f"polarity: has {found} for {wanted}; give one of each")
         return np.array([self.number(*event) for event in zip(channels.tolist(), others, strict=True)], np.int64)
 
     def _number(self, channel: Any, population: Any) -> int:

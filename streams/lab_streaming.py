@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 
 from neurotact.data.recordings import order_by_name
-from neurotact.errors import InputError, optional
+from neurotact.errors import InputError, number_of, optional
 
 LSL = "lsl:"
 """Prefix of the name of a stream."""
@@ -66,9 +66,8 @@ def _checked(
     if info.channel_format() == pylsl.cf_string:
         raise InputError(f"{path}: sends texts, not numbers; give a stream of samples")
     if info.channel_count() != n_taxels:
-        raise InputError(
-            f"{path}: has {info.channel_count()} channels where {n_taxels} taxels are expected; give these"
-        )
+        found, wanted = number_of(info.channel_count(), "channel"), number_of(n_taxels, "taxel")
+        raise InputError(f"{path}: has {found} where {wanted} should be; give these")
     sent_Hz = info.nominal_srate()  # 0 if it is irregular
     if sent_Hz and abs(sent_Hz / rate_Hz - 1) > RATE_TOLERANCE:
         raise InputError(

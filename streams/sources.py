@@ -41,7 +41,7 @@ from neurotact.data.readers.table.cells import (
 )
 from neurotact.data.readers.table.headings import SEPARATOR_LINE, is_unit, separator_of
 from neurotact.data.recordings import order_by_name
-from neurotact.errors import InputError, optional
+from neurotact.errors import InputError, number_of, optional
 from neurotact.progress import say
 
 READ_BYTES = 1 << 16
@@ -203,8 +203,8 @@ class Rows(Lines):
             if all(map(is_unit, row)):
                 return  # below the names
             raise InputError(
-                f"{self.where}: line {self.line} has {len(row)} values, {text[:40]!r}, where {expected} numbers are "
-                "expected; give one row per sample and one column per taxel"
+                f"{self.where}: line {self.line} has {number_of(len(row), 'value')}, {text[:40]!r}, where "
+                f"{number_of(expected, 'number')} should be; give one row per sample and one column per taxel"
             )
         self.faults.bad_rows += 1
         if self.stamped is None:  # else the next valid row shows how many were lost

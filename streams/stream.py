@@ -34,7 +34,7 @@ from neurotact.data.recordings import order_by_name, unit_factor
 from neurotact.encoders.afferents import POPULATIONS, AfferentSpec
 from neurotact.encoders.model import EncoderSpec
 from neurotact.encoders.specs import conditioning_of, encode, finish, is_exact
-from neurotact.errors import InputError
+from neurotact.errors import InputError, number_of
 from neurotact.metrics import synops
 from neurotact.networks.definition.rsnn import RSNN
 from neurotact.networks.exit.rule import ExitRule
@@ -184,7 +184,9 @@ class Stream:
         self._of_events("events")
         steps, units = steps_at(time_s, self.chain.clock_Hz), np.asarray(units, np.int64)
         if len(units) != len(steps):
-            raise InputError(f"channel: has {len(units)} values for {len(steps)} times; give one of each event")
+            raise InputError(
+                f"channel: has {number_of(len(units), 'value')} for {number_of(len(steps), 'time')}; give one an event"
+            )
         self._state.tally.events += int((units != LEFT_OUT).sum())
         self._state.tally.unknown += int((units == UNKNOWN).sum())
         return self._take_events(steps, units)

@@ -575,8 +575,8 @@ def test_each_key_of_a_simulation_that_is_typed_as_an_option_is_shown_as_a_setti
     ("words", "expected"),
     [
         ("simulate gratings --trials=2 -o x.h5", "--set trials=2; see"),
-        ("simulate gratings -o x.h5 --trials", "--set trials=...; see"),
-        ("simulate gratings --trials -o x.h5", "--set trials=...; see"),
+        ("simulate gratings -o x.h5 --trials", "--set trials=VALUE; see"),
+        ("simulate gratings --trials -o x.h5", "--set trials=VALUE; see"),
         ("encode x.h5 -o s.h5 --sa1.gain -1", "--set sa1.gain=-1; see"),
         ("calibrate x.h5 -o s.toml --sa1.t-ref-ms 5", "--set sa1.t_ref_ms=5; see"),
         ("train x.h5 -o r --epochs 5", "--set training.epochs=5; see"),
@@ -795,7 +795,7 @@ def test_a_file_of_another_kind_is_named(refused, made, tmp_path):
 @pytest.mark.parametrize(
     ("text", "expected"),
     [
-        ("a,b\n1,2\n3\n", "line 3 has 1 columns where 2 are expected"),
+        ("a,b\n1,2\n3\n", "line 3 has 1 column where 2 are expected"),
         ("", "holds no row"),
         ("a,b\n", "holds no row"),
         ("a,b\n1,nan\n", "line 2, column 2 (b) is nan"),

@@ -28,7 +28,7 @@ from neurotact_parts.streams.stream_state import Trace
 from neurotact.backend import Backend
 from neurotact.data.spikes import populations_of
 from neurotact.encoders.afferents import POPULATIONS, AfferentSpec
-from neurotact.errors import InputError, nearest
+from neurotact.errors import InputError, nearest, number_of
 from neurotact.files import write_text
 from neurotact.metrics.synops import UNSEEN
 from neurotact.spec import build, override, to_toml
@@ -67,8 +67,8 @@ class Session:
     ) -> None:
         if len(feed.taxels) != chain.n_taxels:
             raise InputError(
-                f"`source={feed.name!r}`: has {len(feed.taxels)} taxels but the chain has {chain.n_taxels}; give the "
-                "taxels that the network was trained on"
+                f"`source={feed.name!r}`: has {number_of(len(feed.taxels), 'taxel')} but the chain has "
+                f"{chain.n_taxels}; give the taxels that the network was trained on"
             )
         self.feed, self.run_name, self.afferents, self.save_to = feed, run, afferents, save_to
         self._sides, self._side = sides, UNSEEN

@@ -4,11 +4,11 @@ import json
 import math
 from typing import Any
 
-from pydantic import Field
+from pydantic import Field, model_validator
 
 from neurotact import __version__
 from neurotact.errors import InputError
-from neurotact.networks.exit.rule import ExitRule
+from neurotact.networks.exit.rule import ExitRule, SavedBand, check_band
 from neurotact.spec import Spec, build
 
 KEY = "neurotact"
@@ -57,9 +57,14 @@ class Note(Spec):
     exit_from_first_spike: bool = True
     least_lead: float = Field(default=0.0, ge=0, exclude_if=lambda lead: not lead)
     """A class that leads by less at the decision is refused; NIR does not define it."""
-    exit_band: tuple[float, ...] = Field(default=(), exclude_if=lambda band: not band)
+    exit_band: SavedBand = Field(default=(), exclude_if=lambda band: not band)
     """Of numbers: early exit when none has moved by more for more steps than the patience."""
     neurotact: str = __version__
+
+    @model_validator(mode="after")
+    def _has_a_band_of_its_numbers(self) -> "Note":
+        check_band(self.exit_band, self.classes)
+        return self
 
     @property
     def rule(self) -> ExitRule:

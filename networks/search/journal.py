@@ -96,7 +96,8 @@ def best_of(trials: Sequence[Trial]) -> Trial:
     finished = [trial for trial in trials if trial.outcome == FINISHED]
     if not finished:
         why = next((f"; trial {t.id}: {t.error}" for t in trials if t.error), "")
-        raise InputError(f"search: none of {len(trials)} trials finished{why}; change the space or the training")
+        none = f"none of {len(trials)} trials finished" if len(trials) > 1 else "its only trial did not finish"
+        raise InputError(f"search: {none}{why}; change the space or the training")
     return min(finished, key=lambda trial: (-value_of(trial), trial.sops or 0.0, trial.id))
 
 

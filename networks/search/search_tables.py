@@ -13,6 +13,7 @@ from sklearn.ensemble import RandomForestRegressor
 from sklearn.inspection import permutation_importance
 
 from neurotact import files, spec
+from neurotact.errors import number_of
 from neurotact.metrics.fronts import pareto_front
 from neurotact.networks.definition.space import SearchSpec
 from neurotact.networks.definition.specs import void_keys
@@ -27,7 +28,7 @@ def write_tables(problem: Problem, folder: Path, trials: Sequence[Trial]) -> Non
     if problem.search.weighs_sops:
         write_table(front_table(table), folder / "pareto.csv")
     network = problem.network_of(best.parameters)
-    comment = f"# The best of {len(trials)} trials (trial {best.id}), by {value_words(problem.search)}.\n"
+    comment = f"# The best of {number_of(len(trials), 'trial')} (trial {best.id}), by {value_words(problem.search)}.\n"
     table = network.model_dump(mode="json")
     if network.recipe is None:  # what has no effect, such as a searched scale of recurrent weights, is refused by train
         table = spec.override(table, {key: None for key in void_keys(network) if key in spec.leaves(table)})

@@ -9,6 +9,7 @@ from neurotact_parts.networks.search import searches_figures
 from neurotact_parts.networks.search.journal import FINISHED, STOPPED
 from neurotact_parts.networks.search.search_tables import by_rank
 
+from neurotact.errors import number_of
 from neurotact.figures.style import Drawn
 from neurotact.networks.definition.space import SearchSpec
 from neurotact.report import periods
@@ -123,7 +124,7 @@ def drawings(trials: pd.DataFrame, search: SearchSpec) -> Iterator[Drawn]:
     figure = searches_figures.draw_winners(trials, winners, spaces)
     words = [f"{key} {_text(winners[key].mode().iloc[0])}" for key in keys]
     caption = (
-        f"Share of each value in the best trials of the cells ({len(winners)} cells), and its share of all "
+        f"Share of each value in the best trials ({number_of(len(winners), 'cell')}), and its share of all "
         f"trials (line). Most frequent: {', '.join(words)}."
     )
     yield Drawn("search-winners", "Best hyperparameters", figure, caption, caption)

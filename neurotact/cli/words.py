@@ -133,9 +133,9 @@ def _option(option: str, value: Any, sign: str) -> str:
 
 
 def _quoted(value: Any) -> str:
-    """A value as it is typed in a shell; `...` is a place for one.
+    """A value as it is typed in a shell.
 
     >>> _quoted("trial,time"), _quoted("{label}.csv"), _quoted(0.5), _quoted(...)
-    ('trial,time', "'{label}.csv'", '0.5', '...')
+    ('trial,time', "'{label}.csv'", '0.5', 'VALUE')
     """
-    return "..." if value is ... else shlex.quote(as_text(value))
+    return shlex.quote(as_text(value))

@@ -21,6 +21,8 @@ from neurotact.data.trial_choice import LeaveOut, TrialChoice, Where, chosen_tri
 from neurotact.errors import InputError, nearest
 from neurotact.spec import Spec, build
 
+ALL = "all"
+"""The name of all trials, where a study names no part of them."""
 Progress = Callable[[int, int], None]
 """Called as `progress(done, total)` with numbers of trials."""
 
@@ -131,7 +133,7 @@ class DatasetSpec(Spec):
     """The folder to read; `$NEUROTACT_DATA` is replaced by its value, by default ../shared/data."""
     content: str | None = None
     """Digest of the trials that are used (`data.digests.content_digest`); others are refused, wherever they lie."""
-    subsets: dict[str, dict[str, Any]] = {"all": {}}
+    subsets: dict[str, dict[str, Any]] = {ALL: {}}
     """Name and conditions of each part, such as `"v1 mix" = { speed_mm_per_s = 8.6 }`."""
     stratify: tuple[str, ...] = ()
     """Conditions balanced in the split besides the class."""

@@ -6,7 +6,7 @@ import numpy as np
 
 from neurotact.data.recordings import Trials
 from neurotact.data.spikes import SpikeTrains
-from neurotact.errors import some
+from neurotact.errors import in_digits, number_of, some
 from neurotact.lazily import lazily
 
 with lazily():
@@ -75,7 +75,7 @@ def taxels_summary(taxels: pd.DataFrame) -> pd.DataFrame:
     """
     values = taxels.drop(columns="taxel")
     shown = pd.DataFrame({"lowest": values.min(), "median": values.median(), "highest": values.max()}).T
-    return shown.rename_axis(f"of {len(taxels)} taxels").reset_index()
+    return shown.rename_axis(f"of {number_of(len(taxels), 'taxel')}").reset_index()
 
 
 def constant_taxels(taxels: pd.DataFrame) -> list[str]:
@@ -113,9 +113,11 @@ def marks_line(marks: pd.DataFrame, seconds: float) -> str:
     """
     lasts, parts = marks["stop_s"] - marks["start_s"], []
     for label, own in lasts.groupby(marks["label"]):
-        ends = dict.fromkeys(f"{end:.3g}" for end in (own.min(), own.max()))
+        ends = dict.fromkeys(in_digits(end) for end in (own.min(), own.max()))
         parts.append(f"{label} ({len(own)}, {' to '.join(ends)} s long)")
-    return f"marks in time: {some(parts, MOST_VALUES)}; {100 * lasts.sum() / seconds:.2g} % of the time has one"
+    return (
+        f"marks in time: {some(parts, MOST_VALUES)}; {in_digits(100 * lasts.sum() / seconds, 2)} % of the time has one"
+    )
 
 
 def lengths_line(steps: np.ndarray, rate_Hz: float) -> str:
@@ -123,6 +125,8 @@ def lengths_line(steps: np.ndarray, rate_Hz: float) -> str:
 
     >>> lengths_line(np.array([50, 200]), 100.0)
     'trials of 0.5 to 2 s, at 100 Hz (10 ms a sample)'
+    >>> lengths_line(np.array([500, 617_250]), 0.5)[:28]
+    'trials of 1,000 to 1,234,500'
     """
-    seconds = dict.fromkeys(f"{n / rate_Hz:.3g}" for n in (steps.min(), steps.max()))
-    return f"trials of {' to '.join(seconds)} s, at {rate_Hz:g} Hz ({1e3 / rate_Hz:.3g} ms a sample)"
+    seconds = dict.fromkeys(in_digits(n / rate_Hz) for n in (steps.min(), steps.max()))
+    return f"trials of {' to '.join(seconds)} s, at {rate_Hz:g} Hz ({in_digits(1e3 / rate_Hz)} ms a sample)"

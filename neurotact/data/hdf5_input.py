@@ -21,7 +21,7 @@ import numpy as np
 
 from neurotact.data.readers.formats.contents import HDF5, MATLAB, content_of
 from neurotact.data.recordings import check_text
-from neurotact.errors import InputError
+from neurotact.errors import InputError, number_of
 from neurotact.files import MAX_MB, check_size, existing, max_bytes
 
 HEAP = b"GCOL\x01\0\0\0"
@@ -293,9 +293,8 @@ class Declared:
         """A dataset of texts or of numbers, one per trial."""
         dataset = self._dataset(name, "OSiufb", 1)
         if len(dataset) != n_trials:
-            raise InputError(
-                f"{self.path}: {n_trials} trials but {len(dataset)} rows of conditions in {name}; write it again"
-            )
+            rows = number_of(len(dataset), "row of conditions")
+            raise InputError(f"{self.path}: {number_of(n_trials, 'trial')} but {rows} in {name}; write it again")
         return self.texts(name) if dataset.dtype.kind in "OS" else self.numbers(name, "iufb")
 
     def records(self, name: str, fields: Sequence[str]) -> np.ndarray:

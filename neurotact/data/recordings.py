@@ -14,7 +14,7 @@ from numpy.typing import ArrayLike
 
 from neurotact.classes import NO_CLASSES, measurement_in
 from neurotact.data import marks as annotations
-from neurotact.errors import InputError, closest, nearest, number_of
+from neurotact.errors import InputError, closest, in_digits, nearest, number_of
 from neurotact.lazily import lazily
 from neurotact.notebook import html_of
 
@@ -152,8 +152,8 @@ class Recordings(Trials):
         where = self.source or "recordings"
         if len(self.conditions) != len(self.signals):
             raise InputError(
-                f"{where}: {len(self.signals)} trials but {len(self.conditions)} rows of conditions; "
-                "give one row per trial"
+                f"{where}: {number_of(len(self.signals), 'trial')} but "
+                f"{number_of(len(self.conditions), 'row of conditions')}; give one row per trial"
             )
         check_conditions(self.conditions, where)
         check_channels(self.channels, where)
@@ -196,7 +196,9 @@ class Recordings(Trials):
     def __repr__(self) -> str:
         lengths = self.lengths
         span = f"{lengths.min()}" if lengths.min() == lengths.max() else f"{lengths.min()} to {lengths.max()}"
-        seconds = " to ".join(f"{n / self.sampling_rate_Hz:.3g}" for n in dict.fromkeys([lengths.min(), lengths.max()]))
+        seconds = " to ".join(
+            in_digits(n / self.sampling_rate_Hz) for n in dict.fromkeys([lengths.min(), lengths.max()])
+        )
         return (
             f"Recordings({number_of(len(self), 'trial')} x {number_of(self.n_channels, 'taxel')}, "
             f"{span} samples at {self.sampling_rate_Hz:g} Hz ({seconds} s), {self.unit}, "

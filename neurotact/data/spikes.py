@@ -21,7 +21,7 @@ from neurotact.data.recordings import (
     conditions_table,
 )
 from neurotact.data.windows import LONGEST_STEPS, Windows, WindowSpec, cut
-from neurotact.errors import InputError, number_of
+from neurotact.errors import InputError, in_digits, number_of
 from neurotact.files import check_size, room_bytes
 from neurotact.lazily import lazily
 from neurotact.notebook import html_of
@@ -182,8 +182,8 @@ class SpikeTrains:
         rate_Hz = n_spikes / seconds / max(1, len(self.afferents)) if seconds else 0.0
         return (
             f"SpikeTrains({number_of(len(self), 'trial')} x {number_of(len(self.afferents), 'afferent')}, {n_spikes:,} "
-            f"spikes in {seconds:.3g} s ({rate_Hz:.3g} Hz per afferent), clock {self.sampling_rate_Hz:g} Hz, "
-            f"{number_of(len(self.classes), 'class')})"
+            f"spikes in {in_digits(seconds)} s ({in_digits(rate_Hz)} Hz per afferent), clock "
+            f"{self.sampling_rate_Hz:g} Hz, {number_of(len(self.classes), 'class')})"
         )
 
     def summary(self) -> str:

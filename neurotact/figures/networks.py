@@ -31,7 +31,7 @@ from neurotact.figures.style import (
 )
 from neurotact.metrics.fronts import pareto_front
 from neurotact.metrics.shares import wilson_interval
-from neurotact.tables import NETWORK, over_seeds, size_of, sized
+from neurotact.tables import LAYERS, NETWORK, over_seeds, size_of, sized
 
 TITLE_WIDTH = 44
 """Characters of a title over half of a figure."""
@@ -210,7 +210,7 @@ def _paint_networks(
         whole = 100.0 if measure.startswith("accuracy") else None
         style = series_style(index) | {"color": shade, "ms": 4, "ls": "", "elinewidth": 1.0}
         spread = bars(y, sd, whole)
-        axes.errorbar(np.arange(len(pairs)) + shift, y, spread, label=f"N = {size}", gid="mean", **style)
+        axes.errorbar(np.arange(len(pairs)) + shift, y, spread, label=sized({LAYERS: size}), gid="mean", **style)
 
 
 def _paint_published(

@@ -19,7 +19,7 @@ difference is never below that of the sign test on those of them that must diffe
 
 import math
 from collections.abc import Sequence
-from typing import NamedTuple
+from typing import Literal, NamedTuple
 
 import numpy as np
 import pandas as pd
@@ -167,16 +167,22 @@ def least_difference_over_splits(
     return least if least < 1 else math.inf
 
 
-def sizes_of(rows: pd.DataFrame) -> tuple[int, int, float]:
-    """The sides of a split, means over the rows: training and test examples, and test trials; as `resampled_p` asks.
+def sizes_of(rows: pd.DataFrame, side: Literal["test", "validation"] = "test") -> tuple[int, int, float]:
+    """The sides of a split, means over the rows: examples of training and of `side`, and the trials of `side`.
 
-    rows: with n_train, n_test, and `test_trials` where several examples are of one trial.
+    rows: with n_train, n_test, and `test_trials` where several examples are of one trial; the same of validation, whose
+    side is taken to be as large as the test side in rows that do not say it.
 
-    >>> sizes_of(pd.DataFrame({"n_train": [70, 72], "n_test": [30, 28], "test_trials": [10, 10]}))
-    (71, 29, 10.0)
+    >>> rows = pd.DataFrame({"n_train": [70, 72], "n_test": [30, 28], "test_trials": [10, 10], "n_validation": 15})
+    >>> sizes_of(rows), sizes_of(rows, "validation")
+    ((71, 29, 10.0), (71, 15, 15.0))
     """
-    trials = rows.get("test_trials", rows["n_test"]).fillna(rows["n_test"])
-    return round(rows["n_train"].mean()), round(rows["n_test"].mean()), float(trials.mean())
+    n = rows["n_test"]
+    trials = rows.get("test_trials", n).fillna(n)
+    if side == "validation" and "n_validation" in rows:
+        own = rows["n_validation"]
+        n, trials = own.fillna(n), rows.get("validation_trials", own).fillna(own).fillna(trials)
+    return round(rows["n_train"].mean()), round(n.mean()), float(trials.mean())
 
 
 def _checked(values: Sequence[float] | np.ndarray, n_train: int, n_test: int, least: int) -> np.ndarray:

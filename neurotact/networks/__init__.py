@@ -18,7 +18,7 @@ Other rooms take:
     definition.specs: BUILT_IN, RSNNSpec, TrainingSpec, given_keys, part_of
     definition.surrogate: FastSigmoid, arctan, fast_sigmoid
     exit.patience: ExitChoice, exits, in_words, is_tolerated, oracle_exit, upper_bound
-    exit.rule: ExitRule, FULL_WINDOW, Leader, leads
+    exit.rule: ExitRule, FULL_WINDOW, Leader, SavedBand, check_band, leads
     exit.truncated: SimulatedWindows, judged, simulate_windows
     training.balancing: SETTINGS, columns_of, note
     training.cautions: FEW_PER_CLASS, MEMBER, calibrated, copies, few_test_trials, not_learned, together, training

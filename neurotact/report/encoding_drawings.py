@@ -9,6 +9,7 @@ import pandas as pd
 from neurotact.data.recordings import LABEL
 from neurotact.data.spikes import SpikeTrains
 from neurotact.encoders.specs import populations
+from neurotact.errors import number_of
 from neurotact.figures import encoding as encoding_figures
 from neurotact.figures.columns import in_unit
 from neurotact.figures.encoding import Classes
@@ -135,7 +136,10 @@ def _rasters(study: StudySpec, trains: SpikeTrains, view: _View, classes: Classe
         f"{_of_all(shown, classes)}{in_the_paper(study, 'Fig. 5')}"
     )
     counts = ", ".join(f"{len(trains.steps[trial])}" for trial in drawn)
-    alt = f"Raster plots of {len(shown)} classes in {len(rows)} rows; spikes in each whole trial, row by row: {counts}."
+    alt = (
+        f"Raster plots of {len(shown)} classes in {number_of(len(rows), 'row')}; spikes in each whole trial, row by "
+        f"row: {counts}."
+    )
     return Drawn("rasters", "Spikes of the afferents", figure, caption, alt)
 
 

@@ -44,8 +44,8 @@ from neurotact.studies.study import (
     by_split,
     encoder_columns,
     has_one_split,
+    has_one_window,
     split_columns,
-    swept_columns,
 )
 from neurotact.tables import LAYERS, columns_of_network, means_over
 
@@ -298,7 +298,7 @@ def baselines_of(study: StudySpec, tables: Mapping[str, pd.DataFrame], result: M
 
     result: a row of `results.csv` with the data set and the encoder of their spikes.
     """
-    if any(key.startswith("window.") for key in swept_columns(study)):
+    if not has_one_window(study):
         return []
     baselines, dataset = [], str(result["dataset"])
     if "baselines" in tables:

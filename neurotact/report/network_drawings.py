@@ -98,7 +98,8 @@ def _accuracy_and_sops(study: StudySpec, results: pd.DataFrame, n_classes: int) 
         f"{inputs}{in_the_paper(study, 'Fig. 11')}"
     )
     alt = (
-        f"Accuracy and SOPs of {len(networks)} networks; the best mean accuracy is {100 * best['accuracy_test']:.1f} % "
+        f"Accuracy and SOPs of {number_of(len(networks), 'network')}; the best mean accuracy is "
+        f"{100 * best['accuracy_test']:.1f} % "
         f"({best['setting']}, {best['pair']}, {sized(best)})."
     )
     return Drawn("accuracy-and-sops", "Accuracy and its cost", figure, caption, alt)

@@ -49,7 +49,7 @@ from neurotact.studies.study import (
     StudySpec,
     cells,
     encoder_columns,
-    setting_columns,
+    has_one_window,
     split_columns,
     swept_columns,
 )
@@ -122,7 +122,7 @@ def write(
     Raises InputError when `results.csv` or `encoding.csv` is missing or a claim names a missing column.
     """
     swept = swept_columns(study)
-    results = with_setting(with_pair(read_table(folder / "results.csv"), study), setting_columns(study))
+    results = with_setting(with_pair(read_table(folder / "results.csv"), study), study)
     encoding = with_pair(read_encoding(folder / "encoding.csv"), study)
     every = list(cells(study))
     done = [cell for cell in every if is_done(folder, cell)]
@@ -134,7 +134,7 @@ def write(
     beside = tables_beside(study, folder)
     baselines, told_apart = beside.get("baselines"), (robustness.REMEDIES, measures.INTEGERS)
     beside |= {name: extra[name] for name in (measures.RECONSTRUCTION,) if name in extra}
-    beside |= {name: with_setting(extra[name], setting_columns(study)) for name in told_apart if name in extra}
+    beside |= {name: with_setting(extra[name], study) for name in told_apart if name in extra}
     afferents, n_classes = afferents_of(folder, done), len(trains.classes) if trains else 0
     spent = front.costs_of(study, results, afferents, n_classes)
     fronts = list(front.fronts(study, folder, done, results.join(spent), trains, afferents, beside))
@@ -174,7 +174,7 @@ def write(
         downloads=DOWNLOADS | {f"{one.table}.csv": one.download for one in measures.requested(study.measures).values()},
         specs=_specs(study, trains),
         counted=_counted(results),
-        compared=opponents.in_words(study.baselines),
+        compared=opponents.in_words(study.baselines if has_one_window(study) else "none"),
         fronts=fronts,
         first=_first_shown(fronts),
         cautions=cautions,
@@ -359,7 +359,8 @@ def _baselines_table(baselines: pd.DataFrame | None, study: StudySpec, own: floa
         "test accuracy (%)", "with 8-bit weights (%)", "FLOPs", HEADS["energy_estimate_nJ"],
         "chosen on validation windows",
     ]  # fmt: skip
-    caption = "Classifiers without spikes in their decision, on the same windows and the same split"
+    windows = "the same windows" if has_one_window(study) else "the windows of the first network alone,"
+    caption = f"Classifiers without spikes in their decision, on {windows} and the same split"
     if own is not None:
         caption += f"; the network of the answer with 8-bit weights has {percent(own)} on test windows"
     return Table(caption, heads, rows, n_heads=2)

@@ -195,7 +195,7 @@ def typed(text: str, option: str) -> str:
     """A message whose settings and specs are as they are typed in a shell, and whose percent signs stay with numbers.
 
     >>> typed("try `settings={'window.length_ms': ..., 'window.align': 'onset'}`", "with")
-    'try `with window.length_ms=... with window.align=onset`'
+    'try `with window.length_ms=VALUE with window.align=onset`'
     """
     text = _SPEC.sub(lambda match: f"{match[0][0]}--{match[1]} {match[2]}{match[0][0]}", text)
     return _SETTINGS.sub(lambda match: _as_typed(match[1], option) or match[0], text).replace(" %", "\u00a0%")

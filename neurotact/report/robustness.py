@@ -28,7 +28,7 @@ GAINS = ("gained by copies (points)", "gained by the last training (points)")
 def of_network(table: pd.DataFrame, network: Network) -> pd.DataFrame:
     """The rows of a table that belong to a network."""
     is_own = (table["pair"] == network.pair) & (table["hidden"] == network.hidden)
-    return table[is_own & (table[LAYERS] == network.layers) if LAYERS in table else is_own]
+    return table[is_own & (table[LAYERS] == network.layers) if LAYERS in table and network.hidden else is_own]
 
 
 def sentence(table: pd.DataFrame | None, network: Network) -> list[str]:

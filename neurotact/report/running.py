@@ -11,6 +11,7 @@ from pathlib import Path
 from time import monotonic
 from typing import Any
 
+from neurotact.data.dataset import ALL
 from neurotact.errors import number_of
 from neurotact.files import write_text
 from neurotact.progress import Watcher, time_left
@@ -21,7 +22,7 @@ LEAST_S, MOST_SHARE = 2.0, 0.005
 """Seconds between two pages, at least, and the most of the time that writing them may take."""
 MOST_SHOWN, POINTS = 50, 60
 """The newest cells that are listed; points of a drawn loss."""
-ABSENT = {"dataset": "all", "t_ref_ra_ms": None, "t_ref_sa_ms": None}
+ABSENT = {"dataset": ALL, "t_ref_ra_ms": None, "t_ref_sa_ms": None}
 """Values that say nothing of a cell."""
 COLUMNS = {
     "dataset": "data", "encoder": "encoder", "t_ref_ra_ms": "t_ref RA-I (ms)", "t_ref_sa_ms": "t_ref SA-I (ms)",

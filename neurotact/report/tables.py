@@ -1,12 +1,13 @@
 """The tables of a run of afferents or networks, for its report."""
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pandas as pd
 
+from neurotact.data.dataset import ALL
 from neurotact.data.hdf5 import encoded_by, load_spikes
 from neurotact.data.spikes import SpikeTrains
 from neurotact.encoders.model import EncoderSpec
@@ -21,13 +22,14 @@ from neurotact.networks.training.cautions import MEMBER
 from neurotact.networks.training.epochs import Epoch, best_in
 from neurotact.networks.training.run_folder import LOG
 from neurotact.networks.use.ledger import Afferents
+from neurotact.networks.use.measuring import OWN_KEYS
 from neurotact.report import periods
 from neurotact.spec import build
 from neurotact.studies import measures
 from neurotact.studies.automatic import TESTED
 from neurotact.studies.store import BASELINES, cell_folder
-from neurotact.studies.study import SPLIT, Cell, StudySpec
-from neurotact.tables import LAYERS, read_table
+from neurotact.studies.study import SPLIT, Cell, StudySpec, encoder_names, setting_columns
+from neurotact.tables import LAYERS, UNCOUNTED, read_table
 
 EXTRA_TABLES = {"conditions": "test_every_condition", "remedies": "augmentation"}
 """Tables that only some studies have, and the key of a study that requests each; measures bring further ones."""
@@ -38,28 +40,40 @@ LOGGED = [name for name in Epoch._fields if name != MEMBER]
 def with_pair(table: pd.DataFrame, study: StudySpec) -> pd.DataFrame:
     """The table with the refractory periods of each row in words (`periods.in_words`), in the column `pair`.
 
+    Hidden neurons that a network of another package does not count are said to be so, too.
+
     >>> from neurotact.studies.study import resolve
     >>> rows = pd.DataFrame({"t_ref_ra_ms": [1.0], "t_ref_sa_ms": [10.0]})
     >>> with_pair(rows, resolve("refractory-period"))["pair"].tolist()
     ['1&10']
     """
     layers = {LAYERS: table[LAYERS].fillna("")} if LAYERS in table else {}  # beside networks of one layer
+    if OWN_KEYS in table:
+        known = layers.get(LAYERS, pd.Series("", table.index))
+        layers = {LAYERS: known.mask(table[OWN_KEYS].notna() & (table["hidden"] == 0), UNCOUNTED)}
     return table.assign(pair=[*periods.of_rows(table, study)], **layers)
 
 
-def with_setting(results: pd.DataFrame, swept: list[str]) -> pd.DataFrame:
-    """The table with the column `setting`: the data set and all other swept keys, in words.
+def with_setting(results: pd.DataFrame, study: StudySpec) -> pd.DataFrame:
+    """The table with the column `setting`: the data set and all other swept keys, in words."""
+    return results.assign(setting=[*_settings(results, setting_columns(study), encoder_names(study))])
+
+
+def _settings(results: pd.DataFrame, swept: Sequence[str], encoders: Mapping[str, str]) -> Iterator[str]:
+    """The setting of each row; all trials have no name beside swept keys. encoders: the names of the encoders by model.
 
     >>> rows = pd.DataFrame({"dataset": ["mixed"], "window.length_ms": [50.0], "network.training.patience": [7]})
-    >>> with_setting(rows, ["window.length_ms", "network.training.patience"])["setting"].tolist()
+    >>> [*_settings(rows, ["window.length_ms", "network.training.patience"], {})]
     ['mixed, window length 50 ms, patience 7']
+    >>> [*_settings(pd.DataFrame({"dataset": ["all"], "encoder": ["lif"]}), ["encoder"], {"lif": "sa1-ra1-lif"})]
+    ['encoder sa1-ra1-lif']
     """
     swept = [key for key in swept if key in results and not key.startswith(SPLIT)]  # splits are averaged
-    words = [
-        ", ".join([str(row["dataset"]), *(key_in_words(key, row[key]) for key in swept)])
-        for _, row in results.iterrows()
-    ]
-    return results.assign(setting=words)
+    has_name = not swept or {*results["dataset"]} != {ALL}
+    for row in results.to_dict("records"):
+        values = (encoders.get(row[key], row[key]) if key == "encoder" else row[key] for key in swept)
+        words = map(key_in_words, swept, values)
+        yield ", ".join([str(row["dataset"]), *words] if has_name else words)
 
 
 def in_words_of_split(key: str) -> str:

@@ -29,8 +29,9 @@ from neurotact.report.wording import Measure, scale
 from neurotact.studies.way import HEADS, View
 
 VALIDATION = "accuracy_validation"
-SIDES, TRIALS, N_VALIDATION = ("n_train", "n_test"), "test_trials", "n_validation"
-"""Columns of results with the sizes of a split: training and test examples, test trials, validation trials."""
+SIDES, N_VALIDATION = ("n_train", "n_test"), "n_validation"
+SIZES = (*SIDES, N_VALIDATION, "test_trials", "validation_trials")
+"""Columns of results with the sizes of a split, as of `resampled.sizes_of`; the first two are needed."""
 SPENT = {"signal_ms": "ms of signal", "energy_estimate_nJ": HEADS["energy_estimate_nJ"]}
 """What the first screen shows beside the view's own cost, where the run holds it."""
 
@@ -98,7 +99,7 @@ def _by_split(results: pd.DataFrame, view: View) -> Iterator[tuple[int, pd.DataF
     is_share = scale(view.measures[view.score]) > 1 and bool(score.dropna().between(0, 1).all())
     if view.splits is None or not is_share or not {*SIDES} <= {*results}:
         return
-    columns = [name for name in (view.score, VALIDATION, *SIDES, TRIALS, N_VALIDATION) if name in results]
+    columns = [name for name in (view.score, VALIDATION, *SIZES) if name in results]
     named = [name for name in view.splits if name in results]
     for index, (_, rows) in enumerate(results.groupby(list(view.by), sort=False, dropna=False)):
         known = rows[rows[view.score].notna() & rows[[*SIDES]].notna().all(axis=1)]
@@ -230,11 +231,13 @@ def _error(row: pd.Series, measure: str, by_split: pd.DataFrame | None) -> float
     if by_split is None:
         return float(row[f"{measure}_sd"]) / math.sqrt(row["rows"])
     known = by_split[by_split[measure].notna()]
+    side = "validation" if measure == VALIDATION else "test"
     if len(known) > 1:
-        return resampled_error(known[measure].to_numpy(), *sizes_of(known))
-    n_validation = known[N_VALIDATION].sum() if N_VALIDATION in known else 0
-    trials = n_validation if measure == VALIDATION else sizes_of(known)[2] if len(known) else 0
-    return standard_error(known[measure].item(), round(trials)) if trials else math.nan
+        return resampled_error(known[measure].to_numpy(), *sizes_of(known, side))
+    is_known = side == "test" or (N_VALIDATION in known and known[N_VALIDATION].any())
+    return (
+        standard_error(known[measure].item(), round(sizes_of(known, side)[2])) if len(known) and is_known else math.nan
+    )
 
 
 def setting_of(values: Sequence[Any], view: View) -> str:

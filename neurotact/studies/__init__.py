@@ -11,8 +11,8 @@ Other rooms take:
     networks: ENGINE
     runner: STUDY, add_report_time, load, run, write_tables
     store: ANSWER, BASELINES, PAGE, RECORDINGS, RESULT, STUDY, cell_folder, is_done, moved, result_of, timed
-    study: Cell, PARTS, SPLIT, StudySpec, by_split, cells, encoder_columns, has_one_split, setting_columns,
-        split_columns, swept_columns, to_toml, value_at
+    study: Cell, PARTS, SPLIT, StudySpec, by_split, cells, encoder_columns, encoder_names, has_one_split,
+        has_one_window, setting_columns, split_columns, swept_columns, to_toml, value_at
     sweeps: JOIN, values
     way: HEADS, Listed, Named, View, module_of, optional
     way_cells: load_arrays

@@ -15,7 +15,7 @@ from neurotact.baselines.opponents import RIGHT
 from neurotact.data import hdf5
 from neurotact.data.augmentation import check_taxels
 from neurotact.data.conditioning import conditioned_length
-from neurotact.data.dataset import DatasetSpec, expand, load_recordings, until
+from neurotact.data.dataset import DatasetSpec, expand, load_recordings
 from neurotact.data.digests import content_digest
 from neurotact.data.recordings import Recordings
 from neurotact.data.spikes import SpikeTrains
@@ -24,7 +24,7 @@ from neurotact.encoders.calibration import calibration_for
 from neurotact.encoders.encoding import encode_recordings
 from neurotact.encoders.gain_search import CalibrationRule
 from neurotact.encoders.model import EncoderSpec
-from neurotact.encoders.specs import CLOCK_HZ, with_t_refs
+from neurotact.encoders.specs import with_t_refs
 from neurotact.errors import InputError
 from neurotact.files import write_json
 from neurotact.networks.training.tasks import to_calibrate
@@ -38,6 +38,7 @@ from neurotact.studies.study import (
     Cell,
     StudySpec,
 )
+from neurotact.studies.study import cells as cells_of
 from neurotact.tables import write_table
 
 
@@ -67,15 +68,16 @@ def rows_beside(
 ) -> list[tuple[dict[str, Any], dict[str, Any]]]:
     """The rows of classifiers, as `tables_beside.rows_of`, each with its shares of correct windows by side, trial."""
     first, detects = cells[0], task_of(cells[0]).detects
-    recordings = _recordings_once(dataset_of(study, first).model_dump_json(), detects, first.encoded_ms)
+    recordings = _recordings_once(dataset_of(study, first).model_dump_json(), detects)
+    recordings = encoded_part(recordings, *cells_of(study))
     rows = tables_beside.rows_of(folder, recordings, study, cell, cells, is_first=is_first)
     return [(row, row.pop(RIGHT)) for row in rows]
 
 
 @lru_cache(maxsize=1)
-def _recordings_once(dataset: str, detects: bool, encoded_ms: float | None) -> Recordings:
-    """The recordings as they are encoded, read once in a process that fits many classifiers."""
-    return until(_recordings(DatasetSpec.model_validate_json(dataset), detects), encoded_ms)
+def _recordings_once(dataset: str, detects: bool) -> Recordings:
+    """The recordings, read once in a process that fits many classifiers."""
+    return _recordings(DatasetSpec.model_validate_json(dataset), detects)
 
 
 def _fit_at_once(recordings: Recordings, cell: Cell) -> bool:
@@ -83,7 +85,7 @@ def _fit_at_once(recordings: Recordings, cell: Cell) -> bool:
 
     Not by `steps_of`: windows of the encoder's clock may be shorter than a sample of the recordings.
     """
-    rate_Hz, window = recordings.sampling_rate_Hz, cell.window
+    rate_Hz, (window, _) = recordings.sampling_rate_Hz, tables_beside.windows_of(cell)
     hop = (window.hop_ms or window.length_ms) * 1e-3 * rate_Hz
     n_windows = np.minimum(recordings.lengths // hop + 1, window.per_trial or np.inf).sum()
     return 8 * n_windows * (window.length_ms * 1e-3 * rate_Hz * recordings.n_channels + MINIROCKET) <= MOST_AT_ONCE
@@ -112,11 +114,11 @@ def prepare(folder: Path, study: StudySpec, cells: list[Cell]) -> bool:
     for cell in cells:
         check_taxels(cell.augmentation, recordings.n_channels)
     content = _check_unchanged(folder, recordings, before, source)
-    recordings = encoded_part(recordings, first[0])
+    recordings = encoded_part(recordings, *cells)
     _encode(folder, study, first, recordings, content)
     for group in others:  # only one set of recordings is in memory
         if not spikes_flaws.keys().isdisjoint(_encodings(group)):
-            _encode(folder, study, group, encoded_part(recordings_of(study, group[0]), group[0]), content)
+            _encode(folder, study, group, encoded_part(recordings_of(study, group[0]), *cells), content)
     tables_beside.write(folder, study, cells, recordings, table_flaws)
     return _fit_at_once(recordings, cells[0])
 
@@ -129,9 +131,9 @@ def _by_source(cells: Iterable[Cell]) -> list[list[Cell]]:
     return list(groups.values())
 
 
-def encoded_part(recordings: Recordings, cell: Cell) -> Recordings:
-    """The trials as far as a cell encodes them."""
-    return until(recordings, cell.encoded_ms)
+def encoded_part(recordings: Recordings, *cells: Cell) -> Recordings:
+    """The trials as far as the cells of a study encode them."""
+    return recordings if cells[0].encoded_ms is None else tables_beside.copied_part(recordings, *cells)
 
 
 def _check_windows(recordings: Recordings, cells: Iterable[Cell]) -> None:
@@ -139,8 +141,7 @@ def _check_windows(recordings: Recordings, cells: Iterable[Cell]) -> None:
     rate_Hz, lengths = recordings.sampling_rate_Hz, recordings.lengths.tolist()
     for cell in cells:
         if cell.network is not None:
-            own_Hz = (cell.calibrate or cell.encoder).conditioning.resample_Hz
-            clock_Hz = own_Hz or (rate_Hz if cell.calibrate is None else max(rate_Hz, CLOCK_HZ))
+            clock_Hz = cell.clock_Hz(rate_Hz)
             n_steps = np.array([conditioned_length(n_samples, rate_Hz, clock_Hz) for n_samples in lengths])
             check_fit(n_steps, clock_Hz, cell.window)
 

@@ -201,6 +201,8 @@ def _claim(folder: Path, study: Study) -> None:
     else:
         raise InputError(f"{folder}: is not empty and holds no study; choose another folder")
     if not is_ours and known is not None and not (folder / CELLS).exists():
+        other = f"another study{_differing(study, path)}"
+        say(f"{folder}: held {other}, of which no cell had begun; this one takes its place")
         for name in known.files:  # of the other study
             (folder / Path(name).name).unlink(missing_ok=True)
     elif not is_ours:

@@ -18,7 +18,7 @@ from neurotact.baselines.opponent import Opponents
 from neurotact.data.augmentation import AUTO, NONE, AugmentationSpec
 from neurotact.data.dataset import DatasetSpec, expand, simulator
 from neurotact.data.splits import SplitSpec
-from neurotact.data.windows import WindowSpec
+from neurotact.data.windows import WindowSpec, steps_of
 from neurotact.encoders import specs as encoders
 from neurotact.encoders.afferents import AfferentSpec
 from neurotact.encoders.model import AnyEncoder, usable
@@ -153,9 +153,8 @@ class StudySpec(Spec):
     @model_validator(mode="after")
     def _sweeps_known_subsets(self) -> "StudySpec":
         sweeps.check(self.sweep)
-        names = [name for name in sweeps.values(self.sweep, "encoder") if isinstance(name, str)]
-        models = [encoders.load(name).model for name in dict.fromkeys(names)]
-        if len(set(models)) < len(models):
+        names = {name for name in sweeps.values(self.sweep, "encoder") if isinstance(name, str)}
+        if len(encoder_names(self)) < len(names):
             raise ValueError("sweep.encoder: two encoders have the same model, by which results name them; drop one")
         if sweeps.values(self.sweep, T_REF) and not names:
             raise ValueError(f"sweep.{T_REF}: is swept with 'encoder', as in \"encoder & {T_REF}\"")
@@ -247,6 +246,11 @@ class Cell(Spec):
     def seeds(self) -> tuple[int, int]:
         """Random seeds of the initial weights and of the order of trials, as of a training outside a study."""
         return of_start(self.seed, self.split)
+
+    def clock_Hz(self, recorded_Hz: float) -> float:  # noqa: N802
+        """The clock of its afferents, for recordings at a rate."""
+        own_Hz = (self.calibrate or self.encoder).conditioning.resample_Hz
+        return own_Hz or (recorded_Hz if self.calibrate is None else max(recorded_Hz, encoders.CLOCK_HZ))
 
     @property
     def given(self) -> str:
@@ -510,18 +514,25 @@ def _augmented(cell: Cell) -> Cell:
     return cell
 
 
-def reach_ms(*cells: Cell) -> float | None:
-    """Where the last window of some cells ends; None if this depends on the trial."""
-    ends_ms = [end_ms for cell in cells if (end_ms := _end_ms(cell)) is not None]
+def reach_ms(*cells: Cell, recorded_Hz: float | None = None) -> float | None:
+    """Where the last window of some cells ends; None if this depends on the trial.
+
+    recorded_Hz: the rate of the recordings, on whose clock windows that are no whole steps may end later.
+    """
+    ends_ms = [end_ms for cell in cells if (end_ms := _end_ms(cell, recorded_Hz)) is not None]
     return max(ends_ms) if len(ends_ms) == len(cells) else None
 
 
-def _end_ms(cell: Cell) -> float | None:
+def _end_ms(cell: Cell, recorded_Hz: float | None) -> float | None:
     window = cell.window
     if cell.network is None or window.per_trial is None or window.align != "trial":
         return None
     later = max(window.per_trial, cell.training_windows or 1) - 1
     end_ms = window.start_ms + window.length_ms + later * (window.hop_ms or window.length_ms)
+    if recorded_Hz is not None:
+        clock_Hz = cell.clock_Hz(recorded_Hz)
+        length, first, hop = steps_of(window, clock_Hz)
+        end_ms = max(end_ms, 1e3 * (first + length + later * hop) / clock_Hz)
     return end_ms if cell.augmentation is None else cell.augmentation.reach_ms(end_ms)
 
 
@@ -598,6 +609,17 @@ def encoder_columns(study: StudySpec) -> list[str]:
     """Of `setting_columns`, those that decide the spikes, such as `encoder.tau_mem_ms`, and their varied copies."""
     begins = calibration_keys.ENCODER, COPIES
     return [key for key in setting_columns(study) if key in OF_SPIKES or key.startswith(begins)]
+
+
+def encoder_names(study: StudySpec) -> dict[str, str]:
+    """The encoders that a study sweeps, by their models, which tables hold."""
+    names = [name for name in sweeps.values(study.sweep, "encoder") if isinstance(name, str)]
+    return {encoders.load(name).model: name for name in dict.fromkeys(names)}
+
+
+def has_one_window(study: StudySpec) -> bool:
+    """Whether the networks of all cells have the windows of the first one, as the opponents have."""
+    return not any(key.startswith("window.") or key == "training_windows" for key in swept_columns(study))
 
 
 def has_one_split(study: StudySpec) -> bool:

@@ -3,7 +3,8 @@
 Each is made before any cell runs, from the recordings of the first cell and the spikes of all.
 """
 
-from collections.abc import Container, Iterable, Iterator, Sequence
+import sys
+from collections.abc import Callable, Container, Iterable, Iterator, Mapping, Sequence
 from dataclasses import replace
 from functools import partial
 from itertools import chain
@@ -21,7 +22,7 @@ from neurotact.data.dataset import until
 from neurotact.data.recordings import Recordings
 from neurotact.data.spikes import SpikeTrains
 from neurotact.data.splits import Split
-from neurotact.data.windows import Windows
+from neurotact.data.windows import Windows, WindowSpec
 from neurotact.encoders.specs import t_ref_pair_ms
 from neurotact.metrics import paired
 from neurotact.networks.training import model_selection, tasks
@@ -69,10 +70,11 @@ def _fitted(
     task = task_of(cell).model_copy(update={"subset": {}})
     parts, last = tasks.trials_of(trains, task), tasks.with_every_condition(trains, task)
     trains = with_used_copies(trains, cell, parts, *([] if last is None else [tasks.trials_of(trains, last)]))
-    every, first = trains.with_variations(cells[0].window), copies_of(trains).first
+    window, of_sides = windows_of(cells[0])
+    every, first = trains.with_variations(window), copies_of(trains).first
     if trains.variations is not None:  # the trial of a varied copy is that of which it is one
         first = np.concatenate([first, first[trains.variations.of]])
-    windows = every.cut(cells[0].window)
+    windows = every.cut(window)
     labels = tasks.labels_of(every, windows, task).numpy()
     pieces = ()
     if is_first and trains.variations:
@@ -81,10 +83,11 @@ def _fitted(
     pair = second_ms, first_ms
     for name, where in {cell.dataset: cell.subset for cell in cells}.items():
         cut = partial(opponents.cuts_of, every.conditions, windows, trains.sampling_rate_Hz, subset=where)
-        cuts = with_training(cut(parts), trains, cell, parts)._replace(tells="numbers" if task.target else "classes")
+        cuts = of_sides(with_training(cut(parts), trains, cell, parts))
+        cuts = cuts._replace(tells="numbers" if task.target else "classes")
         if last is not None:
             known = tasks.trials_of(trains, last)
-            cuts = cuts._replace(last=with_training(cut(known), trains, cell, known))
+            cuts = cuts._replace(last=of_sides(with_training(cut(known), trains, cell, known)))
         of_signals = opponents.signal_inputs(recordings, cuts, study.baselines, pieces) if is_first else ()
         recorded = int((windows.trial < len(trains)).sum())
         counts = {"is_first": is_first, "encoding": study.encoding_in == "processor", "recorded": recorded}
@@ -92,14 +95,33 @@ def _fitted(
         is_of_another = cell.calibrate is not None and cell.test_every_condition and where != cell.subset
         of_spikes = () if study.baselines == "linear" or is_of_another else of_spikes  # an encoder of other trials
         for row in opponents.rows(chain(of_signals, of_spikes), labels, cuts):
-            of_it = "" if row["t_ref_ra_ms"] is not None else COPIES  # signals have copies, and no encoder
-            keys = encoder_columns(study)
-            encoder = {key: value_at(cell, key) if key.startswith(of_it) else None for key in keys}
             own = row[opponents.RIGHT].items()
             touches = {side: paired.by_trial(first[[*shares]], [*shares.values()]) for side, shares in own}
             wrong = row.pop(opponents.ERRORS, ())
             errors = {f"rmse_{target}": rmse for target, rmse in zip(task.numbers, wrong, strict=True)}
-            yield {"dataset": name, **split, **row, **errors, **encoder, opponents.RIGHT: touches}
+            yield {"dataset": name, **split, **row, **errors, **encoder_of(row, study, cell), opponents.RIGHT: touches}
+
+
+def encoder_of(row: Mapping[str, Any], study: StudySpec, cell: Cell) -> dict[str, Any]:
+    """The columns of a classifier's row that tell encoders of a sweep apart; signals have copies, and no encoder."""
+    of_it = "" if row["t_ref_ra_ms"] is not None else COPIES
+    return {key: value_at(cell, key) if key.startswith(of_it) else None for key in encoder_columns(study)}
+
+
+def windows_of(cell: Cell) -> tuple[WindowSpec, Callable[[opponents.Cuts], opponents.Cuts]]:
+    """The windows of a trial for training or for a test, whichever are more, and what leaves each side its own."""
+    task = task_of(cell)
+    trained, tested = (one.per_trial or sys.maxsize for one in (task.training_window, task.window))
+
+    def of_sides(cuts: opponents.Cuts) -> opponents.Cuts:
+        trial = cuts.windows.trial
+        rank = np.arange(len(trial)) - np.searchsorted(trial, trial)
+        mine, its = rank < trained, rank < tested
+        train, validation, test = cuts.sides
+        copies = {kind: side & mine for kind, side in cuts.copies.items()}
+        return cuts._replace(sides=(train & mine, validation & mine, test & its), copies=copies)
+
+    return (task.training_window if trained > tested else task.window), of_sides
 
 
 def with_used_copies(trains: SpikeTrains, cell: Cell, *parts: Split) -> SpikeTrains:
@@ -152,4 +174,4 @@ def with_training(cuts: opponents.Cuts, trains: SpikeTrains, cell: Cell, parts: 
 
 def copied_part(recordings: Recordings, *cells: Cell) -> Recordings:
     """The trials as far as the windows of the cells' copies reach; whole trials if these begin at an onset."""
-    return until(recordings, reach_ms(*cells))
+    return until(recordings, reach_ms(*cells, recorded_Hz=recordings.sampling_rate_Hz))

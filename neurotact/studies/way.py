@@ -71,7 +71,7 @@ class View(NamedTuple):
         Rows that are alike there are seeds of one split, whose mean counts once. Empty: all rows test the same trials;
         None: unknown. If the results have n_train and n_test (and test_trials, where several examples are of one
         trial), shares are compared over splits (`metrics.resampled`), or on the trials of a single one; otherwise
-        nothing is tested. The column n_validation has the validation trials of a single split.
+        nothing is tested. The same of validation (n_validation, validation_trials) gives the error of the choice.
     """
 
     by: tuple[str, ...]

@@ -7,7 +7,7 @@ import numpy as np
 from neurotact_parts.readers.clock.shared import Uneven, on_line, spread
 
 from neurotact.data.readers.clock.units import FASTEST_HZ, HOUR_S, LONGEST_S, SHORTEST_S, SLOWEST_HZ, UNIT_S, Unit
-from neurotact.errors import InputError
+from neurotact.errors import InputError, in_digits
 
 GAP = 5.0
 """An interval longer than this many median ones is a gap, unless the user gives a length."""
@@ -72,8 +72,7 @@ def of_length(trial_s: float, fix: str, at: str = "") -> Iterator[str]:
     """The doubt of the length of the median trial in s. at: the rate that it is of, in words."""
     if not SHORTEST_S <= trial_s <= LONGEST_S:
         long = "short" if trial_s < SHORTEST_S else "long"
-        lasts = f"{trial_s:.3g}" if trial_s < 1000 else f"{trial_s:,.0f}"
-        yield f"the median trial lasts {lasts} s{at}, which is {long} for touch; {fix}"
+        yield f"the median trial lasts {in_digits(trial_s)} s{at}, which is {long} for touch; {fix}"
 
 
 def stamps_of(

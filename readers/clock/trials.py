@@ -9,13 +9,13 @@ from typing import NamedTuple
 import numpy as np
 from neurotact_parts.readers.clock.shared import own_interval
 from neurotact_parts.readers.clock.stamps import MOST_DROPPED, Stamps, middle_of, on_clock, rate_of, stamps_of
-from neurotact_parts.readers.doubts import Fixes, are_thousandths, say_doubts
+from neurotact_parts.readers.doubts import Fixes, are_thousandths, say_doubts, say_unit, units_in
 
 from neurotact.data.readers.clock.units import UNIT_S, Unit, timings
 from neurotact.data.readers.columns import Missing, Samples
 from neurotact.data.readers.table.headings import check_first_row, rate_in
 from neurotact.data.recordings import LABEL, Recordings, check_named_classes
-from neurotact.errors import InputError, number_of, some
+from neurotact.errors import InputError, in_digits, number_of, some
 from neurotact.files import check_size
 from neurotact.lazily import lazily
 
@@ -103,8 +103,15 @@ def recordings_of(
         )
     recordings_read = Recordings(signals, rate_Hz, unit, conditions, channels, source)
     if fixes is not None:
+        say_unit({**units_in(channels), **units_of(read, channels)}, unit, where)
         say_doubts(recordings_read, where, fixes, rate_is_given=sampling_rate_Hz is not None)
     return recordings_read
+
+
+def units_of(read: Sequence[Read], channels: Sequence[str]) -> dict[str, str]:
+    """The units of taxels that files say beside their names, by taxel."""
+    names = channels or [f"taxel {taxel}" for taxel in range(1, read[0].table.signal.shape[1] + 1)]
+    return {name: unit for trial in read for name, unit in zip(names, trial.table.units, strict=False)}
 
 
 def _unit_of_time(tables: Sequence[Samples], given_Hz: float | None, where: str) -> Unit:
@@ -116,7 +123,10 @@ def _unit_of_time(tables: Sequence[Samples], given_Hz: float | None, where: str)
     fitting = timings(times, given_Hz) if times else []
     if not fitting or fitting[0].unit == "s":
         return "s"
-    said = [f"{timing.unit} (trials of {timing.trial_s:.3g} s at {timing.rate_Hz:.4g} Hz)" for timing in fitting]
+    said = [
+        f"{timing.unit} (trials of {in_digits(timing.trial_s)} s at {in_digits(timing.rate_Hz, 4)} Hz)"
+        for timing in fitting
+    ]
     if len(fitting) > 1:
         raise InputError(f"{where}: the time stamps may be in {' or '.join(said)}; give their unit with `time_unit`")
     log.warning("%s: the time stamps are taken as %s; if that is wrong, give their unit with `time_unit`", where, *said)
@@ -146,8 +156,8 @@ def _on_one_clock(trials: Sequence[_Trial], given_Hz: float | None, where: str) 
         )
     if not 1 / OTHER_UNIT < found_Hz / rate_Hz < OTHER_UNIT:
         raise InputError(
-            f"{where}: the time stamps give {found_Hz:.3g} Hz and `sampling_rate_Hz` says {rate_Hz:g} Hz; give the "
-            "unit of the stamps with `time_unit` (s, ms, us, ns), or leave `sampling_rate_Hz` out"
+            f"{where}: the time stamps give {in_digits(found_Hz)} Hz and `sampling_rate_Hz` says {rate_Hz:g} Hz; give "
+            "the unit of the stamps with `time_unit` (s, ms, us, ns), or leave `sampling_rate_Hz` out"
         )
     n_ticks = sum(trial.time_s[-1] * rate_Hz for trial in stamps)
     check_size(f"{where} at {rate_Hz:g} Hz", int(4 * n_ticks * trials[0].signal.shape[1]))

@@ -44,7 +44,7 @@ def read(
         table = {} if conditions is None else {"table": str(conditions)}
         frames = folder.read(path, sampling_rate_Hz, UNIT, naming=naming | table, layout=layout, is_raster=True)
         named = () if frames.channels[0] == "taxel1" else frames.channels
-        held = arrays.Loaded(frames.signals, frames.conditions, named, frames.sampling_rate_Hz)
+        held = arrays.Loaded(frames.signals, frames.conditions, named, frames.sampling_rate_Hz, {})
     elif naming or layout:
         raise InputError(f"{path}: `{next(iter(naming | layout))}` is for a folder with a file per trial; leave it out")
     else:
@@ -57,7 +57,7 @@ def _trains_of(held: arrays.Loaded, where: str, *, merge_events: bool) -> SpikeT
 
     Raises InputError for values that are no counts, and if more than 1 % would be lost, unless `merge_events`.
     """
-    rasters, conditions, afferents, rate_Hz = held
+    rasters, conditions, afferents, rate_Hz, _ = held
     n_afferents = rasters[0].shape[1]
     if n_afferents > MOST_AFFERENTS:
         raise InputError(f"{where}: has {n_afferents} afferents, more than {MOST_AFFERENTS}; use fewer")

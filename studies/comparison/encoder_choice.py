@@ -6,7 +6,6 @@ from typing import Any, NamedTuple
 import pandas as pd
 
 from neurotact.baselines.opponents import LINEAR
-from neurotact.encoders import specs as encoders
 from neurotact.metrics.paired import Paired, compare_shares
 from neurotact.metrics.referee import Way, best_of, cheapest_of
 from neurotact.metrics.savings import Savings, savings, worse_than_another
@@ -16,9 +15,8 @@ from neurotact.report.answer import Baseline, Network, Trials, interval_of, oppo
 from neurotact.report.front import Front, as_json, baseline_as_json, baselines_of
 from neurotact.report.page import Figure, Table
 from neurotact.report.wording import count, energy, percent
-from neurotact.studies import sweeps
 from neurotact.studies.measures import RECONSTRUCTION
-from neurotact.studies.study import StudySpec
+from neurotact.studies.study import StudySpec, encoder_names
 
 RATE = "spikes_per_s"
 WIDE = 8.0
@@ -107,9 +105,7 @@ def choices(
     fronts: the answer of each encoder (and rate). results: with the columns of `fronts`. tables: `baselines` and
     `reconstruction`, if they exist. Empty if the study does not sweep encoders.
     """
-    names = [name for name in sweeps.values(study.sweep, "encoder") if isinstance(name, str)]
-    named = {encoders.load(name).model: name for name in dict.fromkeys(names)}
-    every = []
+    named, every = encoder_names(study), []
     for front in fronts if named else ():
         row = results.loc[front.cells[0]].to_dict()
         baselines = {one.name: one for one in baselines_of(study, tables, row)}

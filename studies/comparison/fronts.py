@@ -171,10 +171,10 @@ def _saved(part: pd.DataFrame, base: pd.DataFrame, cost: str) -> Saved:
 
 
 def _way(part: pd.DataFrame, share: float) -> Way:
-    """What the referee knows of a setting; a validation side is about as large as a test side."""
+    """What the referee knows of a setting."""
     values = part["accuracy_validation"].to_numpy()
-    n_train, n_test, trials = sizes_of(part)
-    error = resampled_error(values, n_train, n_test, trials)
+    n_train, n_validation, trials = sizes_of(part, "validation")
+    error = resampled_error(values, n_train, n_validation, trials)
     if np.isnan(error):  # of one or two seeds: that of the trials alone
         error = standard_error(float(values.mean()), max(1, round(trials)))
     return Way(float(values.mean()), error, share)

@@ -95,7 +95,9 @@ def run(parameters: Parameters, arrays: Arrays) -> list[dict]:
     shared = {
         "examples": len(task.labels),
         "n_train": len(split.train),
+        "n_validation": len(split.validation),
         "n_test": len(split.test),
+        "validation_trials": len(np.unique(groups[split.validation])),
         "test_trials": len(np.unique(groups[split.test])),
         "chance": float((task.labels[split.test] == majority[0][majority[1].argmax()]).mean()),
     }

@@ -79,7 +79,8 @@ def run(parameters: Parameters, arrays: Arrays) -> list[dict[str, Any]]:
     rows = [*_spiking(bench, own), *_classical(bench, own.trains)]
     computed = sets.computed_at(parameters.data, arrays)
     shared = {"test_trials": len(bench.split.test), "afferents": computed, SKIPPED: ""}
-    return [{**row, **shared} for row in rows]
+    sizes = {"n_validation": len(own.sides.validation.labels), "validation_trials": len(bench.split.validation)}
+    return [{**row, **sizes, **shared} for row in rows]
 
 
 def _spiking(bench: Bench, own: Cut) -> Iterator[dict[str, Any]]:

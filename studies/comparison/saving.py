@@ -230,6 +230,7 @@ def row_of(fitted: Fitted, rule: ExitRule = FULL_WINDOW, *, prices: PriceList = 
         **by_list.counted(spent, by_events),
         "network_step_ms": network.spec.own_step_ms or 1e3 / network.sampling_rate_Hz,
         "n_train": len(train.labels),
+        "n_validation": len(validation.labels),
         "n_test": len(test.labels),
     }
 

@@ -164,7 +164,9 @@ def run(parameters: Parameters, arrays: Arrays) -> list[dict[str, Any]]:
     for cell in _saved_cells(parameters, recordings):
         prepared = _prepared(recordings, cell, parameters)
         trials = {"test_trials": len(tasks.trials_of(prepared.trains, prepared.task).test)}
-        rows += [{**row, **trials} for row in (_of_network(prepared), *_of_opponents(prepared))]
+        opponents_rows = [*_of_opponents(prepared)]
+        validated = {key: opponents_rows[0][key] for key in ("n_validation", "validation_trials")}
+        rows += [{**row, **trials} for row in ({**_of_network(prepared), **validated}, *opponents_rows)]
     # Seeds of a value test the same trials; without a condition, each draws its own.
     head = {"tested": tested, "split": str(parameters.value) if parameters.condition else f"seed {parameters.seed}"}
     return [{**head, **_told(row, parameters), SKIPPED: ""} for row in rows]
@@ -304,6 +306,7 @@ def _of_opponents(prepared: Prepared) -> Iterator[dict[str, Any]]:
         kept = ("classifier", "input", "accuracy_validation", "energy_estimate_nJ", "signal_ms", "n_train")
         _, _, copies = row["settings"].partition("varied copies: ")
         own = {"copies": copies or NONE, "accuracy_test": unseen, "accuracy_seen": seen, "n_test": n_test}
+        own |= {"n_validation": row["n_validation"], "validation_trials": len(row[opponents.RIGHT]["validation"])}
         yield {**{key: row[key] for key in kept}, **own}
 
 

@@ -121,13 +121,17 @@ def _differing(bench: Bench, ways: dict[str, tuple[Setting, ...]], step_ms: floa
 
 
 def _tested(bench: Bench, fitted: Fitted) -> dict[str, Any]:
-    """The test side of a split: accuracy of guessing, number of trials, and number of trials of the rarest class."""
+    """The test side of a split: accuracy of guessing, number of trials, and number of trials of the rarest class.
+
+    And the number of validation trials.
+    """
     n_classes = len(bench.touches.classes)
     labels = fitted.sides.test.labels.numpy(), bench.touches.labels[bench.split.test]
     windows, trials = (np.bincount(side, minlength=n_classes) for side in labels)
     return {
         "chance": max(1 / n_classes, float(windows.max() / windows.sum())),
         "test_trials": int(trials.sum()),
+        "validation_trials": len(bench.split.validation),
         "least_test_trials": int(trials.min()),
     }
 

@@ -251,7 +251,7 @@ def _shown(folder: Path, study: "loading.Study") -> list[dict[str, Any]]:
     found = list(nt.study_answer(folder).get("tables", []))
     if isinstance(study, networks_study.StudySpec) and study.network is not None:
         results = report_tables.with_pair(tables.read_table(folder / "results.csv"), study)
-        results = report_tables.with_setting(results, networks_study.setting_columns(study))
+        results = report_tables.with_setting(results, study)
         found.insert(0, networks.means_table(results, study)._asdict())
     return found
 

@@ -138,8 +138,8 @@ def run(parameters: Parameters, arrays: Arrays) -> list[dict]:
                 "features": parameters.features,
                 "protocol": parameters.protocol,
                 **choice._asdict(),
-                "n_train": len(sides[choice.split].train),
-                "n_test": len(sides[choice.split].test),
+                **{f"n_{side}": len(getattr(sides[choice.split], side)) for side in Split._fields},
+                "validation_trials": len(np.unique(trial[sides[choice.split].validation])),
                 "test_trials": len(np.unique(trial[sides[choice.split].test])),
                 "flops": slfn_unit_flops(
                     parameters.classifier, parameters.features, choice.neurons, n_classes, samples, channels

@@ -195,8 +195,7 @@ def _slfn_rows(classifier: SLFN, parameters: Parameters, arrays: Arrays) -> list
                 "neurons": choice.neurons,
                 "accuracy_validation": choice.accuracy_validation,
                 "accuracy_test": choice.accuracy_test,
-                "n_train": len(sides[choice.split].train),
-                "n_test": len(sides[choice.split].test),
+                **{f"n_{side}": len(getattr(sides[choice.split], side)) for side in Split._fields},
                 "flops_published": published,
             }
             rows.append({**row, **unit.columns()})
@@ -241,8 +240,7 @@ def _spiking_split(parameters: Parameters, recorded: Recordings, number: int, sp
             "neurons": float(fitted.network.spec.hidden),
             "accuracy_validation": row["accuracy_validation"],
             "accuracy_test": row[accuracy],
-            "n_train": len(split.train),
-            "n_test": len(split.test),
+            **{f"n_{side}": len(getattr(split, side)) for side in Split._fields},
             "flops_published": float("nan"),
             **(smoothing + encoding + network).columns(),
         }

@@ -116,10 +116,9 @@ def _check(table: Mapping[str, Any], given: Mapping[str, Any], parameters: Param
     if asked is not None:
         raise InputError(f"{asked}: is of classes, and a study with a target learns none; leave it out")
     swept = " & ".join([*table.get("sweep", {}), *(key.removeprefix("sweep.") for key in given if "sweep." in key)])
-    for key, why in (
-        ("encoder", "encoders are compared by classes"), ("window.length_ms", "one length is compared with its rivals"),
-    ):  # fmt: skip
-        if key in swept.split(" & "):
+    for key in swept.split(" & "):
+        if key == "encoder" or key.startswith(WINDOW):
+            why = "encoders are compared by classes" if key == "encoder" else "rivals have one window"
             raise InputError(f"sweep.{key}: {why}; a study with a target is own-recordings, or one like it")
 
 

@@ -26,7 +26,7 @@ from neurotact.report.way_answer import Configuration
 from neurotact.report.wording import Measure
 from neurotact.studies.cell import task_of
 from neurotact.studies.store import ANSWER, cell_folder, is_done, result_of
-from neurotact.studies.study import Cell, StudySpec, has_one_split, setting_columns
+from neurotact.studies.study import Cell, StudySpec, has_one_split
 from neurotact.studies.way import View
 from neurotact.tables import read_table, write_table
 
@@ -57,15 +57,17 @@ def write(study: StudySpec, folder: Path) -> Path:
     target = parameters_of(study.parameters).target
     every = [*cells(study)]
     done = [cell for cell in every if is_done(folder, cell)]
-    results = with_setting(with_pair(read_table(folder / "results.csv"), study), setting_columns(study))
+    results = with_setting(with_pair(read_table(folder / "results.csv"), study), study)
     trains, afferents = first_spikes(folder, done), afferents_of(folder, done)
     n_values = len(tasks.names_of(trains, task_of(done[0]))) if trains else len(target)
     results = results.join(front.costs_of(study, results, afferents, n_values))
-    others = [*rivals_of(tables_beside(study, folder), study, target)]
-    compared = {
-        str(setting): Compared.of([*networks_of(folder, rows, done, target)], others)
-        for setting, rows in results.groupby("setting", sort=False)
-    }
+    beside = tables_beside(study, folder)
+
+    def compared_of(rows: pd.DataFrame) -> Compared:
+        others = [*rivals_of(beside, study, target, rows.iloc[0].to_dict())]
+        return Compared.of([*networks_of(folder, rows, done, target)], others)
+
+    compared = {str(setting): compared_of(rows) for setting, rows in results.groupby("setting", sort=False)}
     screens = [
         screen(setting, one, target, study.prices.name, place, _next(study, folder, place))
         for setting, one in compared.items()

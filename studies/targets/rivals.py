@@ -33,6 +33,7 @@ from neurotact.metrics.prices import PriceList
 from neurotact.networks.training import events, tasks
 from neurotact.networks.training.tasks import Task
 from neurotact.progress import at, say
+from neurotact.studies import tables_beside
 from neurotact.studies.cell import task_of
 from neurotact.studies.study import Cell, StudySpec, split_columns, value_at
 
@@ -140,7 +141,8 @@ def rows_of(
                 continue
             at(f"{name} on {one.column}")
             with opponent.named(name):
-                yield {"dataset": cell.dataset, **split, **_row(one, name, rival, sliding, study.prices)}
+                row = _row(one, name, rival, sliding, study.prices)
+                yield {"dataset": cell.dataset, **split, **row, **tables_beside.encoder_of(row, study, cell)}
 
 
 def _row(one: Input, name: str, rival: opponent.Opponent, sliding: Sliding, prices: PriceList) -> dict[str, Any]:

@@ -224,14 +224,21 @@ def _over(rows: pd.DataFrame, starts: float, delays: Tally | None = None) -> dic
     return {**found, "delay_ms_low": low, "delay_ms_high": high, "chosen_on_s": float(rows["chosen_on_s"].mean())}
 
 
-def rivals_of(tables: Mapping[str, pd.DataFrame], study: StudySpec, target: Sequence[str]) -> Iterator[Way]:
-    """The rivals of a run, each over its splits; tables: `baselines` and `baselines_trials`."""
+def rivals_of(
+    tables: Mapping[str, pd.DataFrame], study: StudySpec, target: Sequence[str], result: Mapping[str, Any]
+) -> Iterator[Way]:
+    """The rivals of a run, each over its splits; tables: `baselines` and `baselines_trials`.
+
+    result: a row of `results.csv` with the encoder of their spikes.
+    """
     if "baselines" not in tables:
         return
     rows, trials = tables["baselines"], tables["baselines_trials"]
+    for key in (key for key in encoder_columns(study) if key in rows):
+        rows = rows[rows[key].isna() | (rows[key] == result[key])]
     if "nJ_per_s" not in rows:
         rows = rows.assign(nJ_per_s=study.prices.energy_nJ(rows))
-    by = ["classifier", "input", "t_ref_ra_ms", "t_ref_sa_ms", *(key for key in encoder_columns(study) if key in rows)]
+    by = ["classifier", "input", "t_ref_ra_ms", "t_ref_sa_ms"]
     for (kind, source, *_), own in rows.groupby(by, sort=False, dropna=False):
         pair = next(iter(periods.of_rows(own, study)))
         of, _, words = str(source).partition(": ")

@@ -9,6 +9,7 @@ import pandas as pd
 from neurotact_parts.studies.texture import selection, selection_figures
 from neurotact_parts.studies.texture.selection import Attempt, Course, Network, Rule, Selection
 
+from neurotact.errors import number_of
 from neurotact.figures.style import Drawn
 from neurotact.report import networks as report
 from neurotact.report.page import Table
@@ -70,7 +71,7 @@ def write(study: StudySpec, folder: Path) -> Path:
 def shown(course: Course, rule: Rule) -> list[Shown]:
     """The steps of a selection; for an incomplete one, also the cells that it waits for."""
     if course.found is None:
-        waiting = f"This step needs {len(course.due)} cells; not all are done."
+        waiting = f"This step needs {number_of(len(course.due), 'cell')}; not all are done."
         return [Shown(course.steps[-1].name, "", waiting, None)]
     selection = course.found
     steps = [_lengths(selection, rule)]

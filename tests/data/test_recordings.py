@@ -8,6 +8,7 @@ from hypothesis import strategies as st
 from levels import examples
 
 import neurotact as nt
+from neurotact.data.description import lengths_line, marks_line
 from neurotact.data.recordings import Recordings, select_conditions
 from neurotact.data.spikes import from_rasters
 from neurotact.errors import InputError
@@ -300,3 +301,14 @@ def test_measurements_in_the_table_of_a_folder_name_no_classes(tmp_path, suffix)
     }[suffix]
     with pytest.raises(InputError, match=r"no two trials share a label, .* such as 0.31, which name no classes"):
         read()
+
+
+def test_long_recordings_are_described_without_an_exponent():
+    conditions, whole = pd.DataFrame({"label": ["felt", "silk"]}), np.zeros((1, 2), np.float32)
+    long = Recordings([np.zeros((12_340, 2)), whole.repeat(4_000, 0)], 10.0, "mV", conditions)
+    assert "(400 to 1,234 s)" in repr(long)
+    assert "trials of 400 to 1,234 s" in lengths_line(long.lengths, 10.0)
+    marks = pd.DataFrame({"trial": [0], "start_s": [0.0], "stop_s": [1500.0], "label": ["press"]})
+    assert marks_line(marks, 1500.0) == "marks in time: press (1, 1,500 s long); 100 % of the time has one"
+    spikes = from_rasters(np.zeros((2, 20_000, 1), np.uint8), 10.0, ("SA-I a",), conditions)
+    assert "0 spikes in 4,000 s" in repr(spikes)

@@ -10,6 +10,7 @@ import pandas as pd
 import pytest
 import torch
 from compiled import chosen, compare
+from in_process import typed
 from levels import thinned
 from made_chains import make_chain, make_signal, offline
 from neurotact_parts.exporters.c import c_export, proof, proving
@@ -20,6 +21,7 @@ import neurotact as nt
 from neurotact.errors import InputError
 from neurotact.files import read_json
 from neurotact.networks.exit.rule import FULL_WINDOW, ExitRule
+from neurotact.networks.training import run_folder
 from neurotact.networks.training.sparsity import prune
 
 needs_compiler = pytest.mark.skipif(proof.missing("cc") is not None, reason=str(proof.missing("cc")))
@@ -243,6 +245,35 @@ def test_streams_and_nir_take_the_rule_of_a_run(run, tmp_path):
     assert [d.steps for d in decided] == own["steps"].tolist()[:5]
     assert [d.values["force_N"] for d in decided if d.values] == own["predicted_force_N"].tolist()[:5]
     assert len({d.steps for d in decided}) > 1
+
+
+@pytest.mark.parametrize(("band", "said"), [([0.5], "has 1 value"), ([0.5, 2.0, 1.0], "has 3 values")])
+def test_a_band_of_another_length_is_refused(band, said, run, tmp_path):
+    shutil.copytree(run / "run", tmp_path / "run")
+    path, said = tmp_path / "run" / "network.json", f"exit_band: {said}, but the network tells 2 numbers; write"
+    table = read_json(path)
+    table["extra"] |= {"exit_patience": 3, "exit_band": band}
+    path.write_text(json.dumps(table))
+    done = typed("infer", tmp_path / "run", run / "spikes.h5", "--early-exit")
+    assert done.code == 2
+    assert said in done.err
+    assert len(done.err.splitlines()) == 1
+    graph = nt.to_nir(run / "run", network_only=True)
+    graph.metadata["neurotact"] = json.dumps(json.loads(graph.metadata["neurotact"]) | {"exit_band": band})
+    with pytest.raises(InputError, match=said):
+        nt.from_nir(graph)
+
+
+def test_targets_of_another_number_are_refused(run, tmp_path):
+    shutil.copytree(run / "run", tmp_path / "run")
+    path = tmp_path / "run" / "network.json"
+    table = read_json(path)
+    table["extra"]["task"]["target"], table["extra"]["exit_band"] = ["force_N"], []
+    path.write_text(json.dumps(table))
+    with pytest.raises(
+        InputError, match="names 1 number, but the network has 2; make the network with neurotact train"
+    ):
+        run_folder.restore(tmp_path / "run")
 
 
 @pytest.mark.parametrize(

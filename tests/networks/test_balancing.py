@@ -127,7 +127,7 @@ def test_a_study_names_what_is_typed_to_balance(tmp_path):
     words = f"study run own-recordings --data {path} -o {tmp_path / 'run'} --set balance=conditions"
     assert typed(*words.split()).err.endswith(
         "neurotact: --set balance=conditions: balances the conditions that the split names, and it names none; give "
-        "--set balance=classes, or a condition with --test-where, --group or --set dataset.stratify=...\n"
+        "--set balance=classes, or a condition with --test-where, --group or --set dataset.stratify=VALUE\n"
     )
     notes = loading.resolve("own-recordings", {"balance": "classes"}, data=path).notes
     said = [in_options(note, options_of(["study", "run"])) for note in notes]

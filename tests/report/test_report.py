@@ -29,7 +29,8 @@ from neurotact.networks.definition.specs import TrainingSpec
 from neurotact.networks.exit.patience import upper_bound
 from neurotact.networks.training import run_folder, tasks
 from neurotact.networks.training.epochs import Epoch
-from neurotact.report import front, networks, period_choice, sentences, tables
+from neurotact.networks.use.measuring import OWN_KEYS
+from neurotact.report import details, front, networks, period_choice, sentences, tables
 from neurotact.report.answer import Network
 from neurotact.report.details import SOPS_COLUMNS
 from neurotact.report.encoding_drawings import name_classes
@@ -39,6 +40,7 @@ from neurotact.studies.cell import task_of
 from neurotact.studies.claims import Claim
 from neurotact.studies.store import cell_folder
 from neurotact.studies.study import StudySpec
+from neurotact.tables import in_words_of_size, over_seeds, sized
 
 TINY = Path(__file__).parents[1] / "studies" / "tiny.toml"
 CLAIMS = (
@@ -327,12 +329,34 @@ def test_the_row_of_a_network_tells_which_pair_of_conditions_it_tests():
         | {f"split.test_where.{column}": value for column, value in cell.split.test_where.items()}
         for cell in study.cells(what)
     ]
-    results = tables.with_setting(tables.with_pair(pd.DataFrame(rows), what), study.setting_columns(what))
+    results = tables.with_setting(tables.with_pair(pd.DataFrame(rows), what), what)
     heads = [*networks.network_columns(what).values()]
     shown = [[entry.text for entry in row] for row in networks.networks_table(results, what)]
     assert {len(row) for row in shown} == {len(heads)}
     places = [heads.index(head) for head in ("tested force (N)", "tested speed (mm/s)")]
     assert [[row[place] for place in places] for row in shown] == [["3.0", "8.6"], ["3.0", "13.7"], ["12.0", "8.6"]]
+
+
+def test_neurons_that_a_network_does_not_count_are_said_not_to_be():
+    what, own = make_study(), {"hidden": 0, OWN_KEYS: '{"model": "mine"}', "early_ms": 1.0}
+    rows = pd.DataFrame([row_of(cell, np.random.default_rng(0)) | own for cell in study.cells(what)])
+    results = tables.with_setting(tables.with_pair(rows, what), what)
+    assert {row[2] for row in networks.means_table(results, what).rows} == {"not counted"}
+    place = [*networks.network_columns(what)].index("hidden")
+    assert {row[place].text for row in networks.networks_table(results, what)} == {"not counted"}
+    assert all(", N not counted, " in details.cell_name(row) for _, row in results.iterrows())
+    first = over_seeds(results, ["accuracy_test"]).iloc[0]
+    assert (sized(first), in_words_of_size(first, '{"model": "mine"}')) == ("N not counted", "N not counted")
+
+
+def test_settings_are_named_by_what_is_swept_and_encoders_by_their_specs():
+    what = make_study(sweep={"encoder & t_ref_ms": [["sa1-ra1-lif", 5.0], ["send-on-delta", 5.0]], "seed": [0]})
+    rows = pd.DataFrame({"dataset": ["all", "all"], "encoder": ["lif", "send-on-delta"]})
+    rows = rows.assign(t_ref_ra_ms=5.0, t_ref_sa_ms=5.0)
+    assert tables.with_setting(rows, what)["setting"].tolist() == ["encoder sa1-ra1-lif", "encoder send-on-delta"]
+    several = pd.concat([rows, rows.assign(dataset="one speed")])
+    assert tables.with_setting(several, what)["setting"].iloc[0] == "all, encoder sa1-ra1-lif"
+    assert {*tables.with_setting(rows, make_study())["setting"]} == {"all"}
 
 
 @pytest.mark.thorough
@@ -562,7 +586,7 @@ def test_a_name_cannot_leave_the_script_that_holds_it(tmp_path):
 
 
 def _results(folder: Path) -> pd.DataFrame:
-    return tables.with_setting(tables.with_pair(pd.read_csv(folder / "results.csv"), make_study()), [])
+    return tables.with_setting(tables.with_pair(pd.read_csv(folder / "results.csv"), make_study()), make_study())
 
 
 CHOSEN = "document.getElementById('cell-name').textContent"
@@ -632,6 +656,39 @@ def test_in_a_browser_a_line_has_the_name_of_the_verdict_and_no_mark_in_it(chrom
     assert "logistic regression on signals (mean and deviation) 90.0" in name.replace("<br>", " ")
     assert "logistic regression on signals (mean and deviation): 90.0" in Page(rivalled).text.replace("\xa0", " ")
     assert chromium.evaluate(OVER) == [1, 0]
+
+
+OVER_LINES = """(() => {
+  const names = [...document.querySelectorAll("#plot .annotation-text")].map((part) => part.getBoundingClientRect());
+  const points = [...document.querySelectorAll("#plot .scatterlayer .lines path")].flatMap((path) => {
+    const n = Math.ceil(path.getTotalLength() / 2), place = path.getScreenCTM();
+    return Array.from({ length: n + 1 }, (_, i) => path.getPointAtLength(2 * i).matrixTransform(place));
+  });
+  return names.filter(({ left, right, top, bottom }) =>
+    points.some(({ x, y }) => left < x && x < right && top < y && y < bottom)).length;
+})()"""
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("width", [400, 1400])
+def test_in_a_browser_the_name_of_a_line_along_the_front_hides_neither_marks_nor_the_front(
+    chromium, rivalled, width, tmp_path
+):
+    """The front rises around the rival's line from one end of the picture to the other."""
+    data = json.loads(Page(rivalled).json)
+    front = next(iter(data["fronts"].values()))
+    one, level = front["networks"][front["best"]], front["beside"]["accuracy"]
+    around = [{"accuracy": level + 0.001 * (at - 30), "nJ": 100.0 + 10 * at} for at in range(60)]
+    around += [{"accuracy": level - 0.004 + 0.008 * (at % 2), "nJ": 100.0 + 10 * at} for at in range(60)]
+    front["networks"] = [one | {"early": None, "whole": one["whole"] | reached} for reached in around]
+    front |= {"best": 59, "used": "whole", "cost": "nJ", "guess": 0.0}
+    page, (before, _, after) = tmp_path / "report.html", rivalled.read_text().partition(Page(rivalled).json)
+    page.write_text(before + json.dumps(data) + after)
+    chromium.open(f"{page.as_uri()}#cost=nJ", width)
+    chromium.wait_for(f"{DRAWN} && document.querySelector('#plot .annotation-text')")
+    assert chromium.evaluate(OVER) == [1, 0]
+    assert chromium.evaluate(OVER_LINES) == 0
+    assert_quiet(chromium, page)
 
 
 APART = """(() => {

@@ -198,11 +198,17 @@ def test_errors_are_those_of_splits_or_of_the_trials_of_one():
     mine = rows[rows["kind"] == best.kind]
     assert best.error == pytest.approx(resampled_error(mine["accuracy_test"].to_numpy(), 700, 150))
     assert best.choice_error == pytest.approx(resampled_error(mine["accuracy_validation"].to_numpy(), 700, 150))
+    own = answer_of(rows.assign(n_validation=90, validation_trials=30)).best
+    validated = mine["accuracy_validation"].to_numpy()
+    assert own.choice_error == pytest.approx(resampled_error(validated, 700, 90, 30))
+    assert own.error == best.error
     one = answer_of(runs(*APART, splits=1))
     assert one.best.error == pytest.approx(standard_error(one.best.accuracy, 150))
     assert math.isnan(one.best.choice_error)
     known = answer_of(runs(*APART, splits=1, n_validation=40)).best
     assert known.choice_error == pytest.approx(standard_error(known.chosen_by, 40))
+    of_trials = answer_of(runs(*APART, splits=1, n_validation=40, validation_trials=20)).best
+    assert of_trials.choice_error == pytest.approx(standard_error(known.chosen_by, 20))
     (told,) = (line for line in sentences.details(one) if "not known" in line)
     assert "one row" in told
     two = answer_of(runs(*APART, splits=2))

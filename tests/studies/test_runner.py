@@ -210,6 +210,8 @@ def test_a_study_that_fails_after_it_has_encoded_keeps_that_for_the_corrected_on
     files.write_text(folder / "notes.md", "mine")
     with studies_here():
         runner.run(study.resolve(TINY, changed), folder)
+    told = "held another study (network.training.epochs = 3, here 1), of which no cell had begun; this one takes its"
+    assert f"neurotact: {folder}: {told} place\n" in capsys.readouterr().err
     assert {path.name: path.stat().st_mtime_ns for path in (folder / "spikes").glob("*.h5")} == encoded
     assert (folder / "notes.md").read_text() == "mine"
     assert len(list(folder.glob("cells/*"))) == 8

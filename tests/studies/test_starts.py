@@ -16,7 +16,9 @@ from neurotact.errors import InputError
 from neurotact.files import read_json
 from neurotact.networks.training import tasks
 from neurotact.networks.training.tasks import Task
+from neurotact.report import front
 from neurotact.studies import runner, store, study
+from neurotact.studies.cell import task_of
 from neurotact.studies.preparation import dataset_of
 
 TINY = Path(__file__).parent / "tiny.toml"
@@ -115,3 +117,34 @@ def test_training_windows_name_another_cell_and_their_absence_none():
     none, some = (next(study.cells(study.resolve(TINY, {**STARTS, **more}))) for more in ({}, {"training_windows": 3}))
     assert none.digest() != some.digest()
     assert none.seeds == some.seeds
+
+
+def test_opponents_have_as_many_windows_of_a_trial_as_networks(tmp_path):
+    """More or fewer to train and to be chosen on, and those of the test."""
+    sizes = []
+    for tested, trained in ((1, None), (1, 4), (3, 2)):
+        more = {"window.per_trial": tested, **({} if trained is None else {"training_windows": trained})}
+        what = study.resolve(TINY, {**UNSWEPT, "window.hop_ms": 20.0, "baselines": "linear", **more})
+        with studies_here():
+            runner.run(what, tmp_path / f"{tested} {trained}")
+        rows = pd.read_csv(tmp_path / f"{tested} {trained}" / "baselines.csv")
+        (of_all,) = rows[["n_train", "n_validation", "n_test"]].drop_duplicates().to_numpy()
+        sizes.append(of_all)
+        side = next(iter(study.cells(what)))
+        assert of_all.tolist() == [
+            len(one.labels)
+            for one in tasks.sides_of(load_spikes(tmp_path / f"{tested} {trained}" / side.given), task_of(side))
+        ]
+    assert (sizes[1] == sizes[0] * [4, 4, 1]).all()
+    assert (sizes[2] == sizes[0] * [2, 2, 3]).all()
+
+
+@pytest.mark.parametrize("key", ["training_windows", "window.per_trial"])
+def test_opponents_of_the_first_windows_are_not_compared_with_networks_of_others(key):
+    changes = {**UNSWEPT, "window.hop_ms": 20.0, "baselines": "linear", f"sweep.{key}": [1, 2]}
+    what, one = study.resolve(TINY, changes), study.resolve(TINY, {**UNSWEPT, "baselines": "linear"})
+    row = {"classifier": "ridge", "input": "signals: made", "t_ref_ra_ms": None, "t_ref_sa_ms": None, "dataset": "all",
+           "accuracy_validation": 0.9, "accuracy_test": 0.9, "energy_estimate_nJ": 1.0}  # fmt: skip
+    tables = {"baselines": pd.DataFrame([row])}
+    assert len(front.baselines_of(one, tables, {"dataset": "all"})) == 1
+    assert front.baselines_of(what, tables, {"dataset": "all"}) == []

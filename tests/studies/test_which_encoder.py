@@ -1,15 +1,20 @@
 """A sweep over encoders: each with the study's conditioning, its own refractory period, one rate for all."""
 
 import re
+from fractions import Fraction
+from math import ceil
 from pathlib import Path
 
 import numpy as np
 import pandas as pd
 import pytest
+from hypothesis import assume, given
+from hypothesis import strategies as st
 
-from neurotact.data.conditioning import ConditioningSpec
+from neurotact.data.conditioning import ConditioningSpec, conditioned_length
 from neurotact.data.recordings import Recordings
 from neurotact.data.spikes import from_rasters
+from neurotact.data.windows import WindowSpec, cut
 from neurotact.encoders.encoding import encode_recordings
 from neurotact.encoders.model import usable
 from neurotact.encoders.specs import load
@@ -76,9 +81,39 @@ def test_windows_that_are_swept_share_spikes_that_reach_as_far_as_all_of_them(tm
     felt = waves()
     for cell in cells:
         encoder = cell.encoder.model_copy(update={"conditioning": ConditioningSpec(baseline="start"), "unit": "count"})
-        early = encode_recordings(preparation.encoded_part(felt, cells[0]), encoder)
+        early = encode_recordings(preparation.encoded_part(felt, *cells), encoder)
         whole = encode_recordings(felt, encoder)
         np.testing.assert_array_equal(early.raster(early.cut(cell.window)), whole.raster(whole.cut(cell.window)))
+
+
+@pytest.fixture(scope="module")
+def short(tmp_path_factory):
+    return resolved(tmp_path_factory.mktemp("short"), past_windows=False)
+
+
+@given(
+    st.sampled_from([35.6, 100.0, 512.0, 2000.0]), st.none() | st.sampled_from([400.0, 1000.0]), st.integers(1, 12),
+    st.floats(0, 3), st.floats(1.01, 4), st.none() | st.floats(1.01, 4), st.integers(1, 3),
+)  # fmt: skip
+def test_no_window_is_lost_that_is_no_whole_number_of_steps(
+    short, rate_Hz, own_Hz, per_trial, start, length, hop, more
+):
+    """After a hop of 1.6 steps each window begins 2 steps after the one before, so that the last one ends later."""
+    clock_Hz = own_Hz or rate_Hz
+    start_ms, length_ms, hop_ms = (None if one is None else 1e3 * one / clock_Hz for one in (start, length, hop))
+    exact = [Fraction(one) * Fraction(clock_Hz) / 1000 for one in (start_ms, length_ms, hop_ms or length_ms)]
+    assume(all(abs(one % 1 - Fraction(1, 2)) > 1e-6 for one in exact))
+    first, n_steps, after = map(round, exact)
+    window = WindowSpec(length_ms=length_ms, start_ms=start_ms, hop_ms=hop_ms, per_trial=per_trial)
+    conditioning = ConditioningSpec(baseline="none", resample_Hz=own_Hz)
+    encoder = short.encoder.model_copy(update={"conditioning": conditioning})
+    cells = [*study.cells(short.model_copy(update={"window": window, "encoder": encoder}))]
+    n_samples = ceil((first + (per_trial - 1) * after + n_steps) / clock_Hz * rate_Hz) + more
+    felt = Recordings([np.zeros((n_samples, 1))], rate_Hz, "count", pd.DataFrame({"label": ["slow"]}))
+    (kept,) = preparation.encoded_part(felt, *cells).lengths.tolist()
+    found = cut(np.array([conditioned_length(kept, rate_Hz, own_Hz)]), clock_Hz, window)
+    assert found.start.tolist() == [first + number * after for number in range(per_trial)]
+    assert found.n_steps == n_steps
 
 
 @pytest.mark.parametrize("lengths_ms", [(100.0, 20.0), (20.0, 100.0)])

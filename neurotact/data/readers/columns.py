@@ -22,7 +22,7 @@ from neurotact.data.readers.table.cells import (
 )
 from neurotact.data.readers.table.headings import check_first_row, is_sample, open_table
 from neurotact.data.recordings import LABEL
-from neurotact.errors import InputError, nearest, some
+from neurotact.errors import InputError, nearest, number_of, some
 from neurotact.spec import Names, Spec, chosen
 
 Missing = Literal["interpolate", "drop-trial"]
@@ -183,7 +183,7 @@ class Samples(NamedTuple):
     time_unit: of the stamps, as asked for or as their column is named; None if neither says it. notes: what is said
     once of such files. constants: the texts of columns that are the same in each row, by the column's name.
     missing: which samples are missing and stand as NaN, `(time, taxel)`; None if none is. n_cut: how many lines are
-    left out.
+    left out. units: of the taxels as the file says them; none if it does not.
     """
 
     names: tuple[str, ...]
@@ -195,6 +195,7 @@ class Samples(NamedTuple):
     constants: Mapping[str, str] = MappingProxyType({})
     missing: np.ndarray | None = None
     n_cut: int = 0
+    units: tuple[str, ...] = ()
 
 
 class _Columns(NamedTuple):
@@ -262,7 +263,7 @@ def samples_of(table: Table, layout: LayoutSpec, *, find_time: bool = True) -> S
     gaps, cut = np.isnan(signal), ("lines that are empty or cut are left out",) if n_cut else ()
     return Samples(
         names, signal, clock.time, table.first_line, clock.unit, (*table.notes, *columns.notes, *notes, *cut),
-        constants, gaps if gaps.any() else None, n_cut,
+        constants, gaps if gaps.any() else None, n_cut, tuple(table.units[column] for column in taxels if table.units),
     )  # fmt: skip
 
 
@@ -500,7 +501,7 @@ def _places(choice: str, names: tuple[str, ...], n_columns: int, option: str, pa
     last = int(match[2] or first)
     if not 1 <= first <= last <= n_columns or (option == "`time_column`" and last > first):
         raise InputError(
-            f"{path}: {option}: {choice} is not there, since this file has {n_columns} columns, numbered from 1; name "
-            "columns that it has, or move it away if it is from another sensor"
+            f"{path}: {option}: {choice} is not there, since this file has {number_of(n_columns, 'column')}, "
+            "numbered from 1; name columns that it has, or move it away if it is from another sensor"
         )
     return list(range(first - 1, last))

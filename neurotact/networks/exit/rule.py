@@ -1,12 +1,14 @@
 """Early exit: stop a trial when its leading class is stable (texture paper, Algorithm 1), or the numbers it tells."""
 
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from typing import NamedTuple
+from typing import Annotated, NamedTuple
 
 import torch
+from pydantic import Field
 from torch import Tensor
 
-from neurotact.errors import InputError
+from neurotact.errors import InputError, number_of
 from neurotact.networks.definition.readouts import Integration
 
 
@@ -59,6 +61,21 @@ class ExitRule:
 
 
 FULL_WINDOW = ExitRule()
+SavedBand = tuple[Annotated[float, Field(ge=0)], ...]
+"""The band of a rule in a table that is read."""
+
+
+def check_band(band: Sequence[float], numbers: Sequence[str]) -> None:
+    """Raise ValueError for a saved band without a value for each number that a network tells; none for classes.
+
+    >>> check_band((0.5,), ("force_N", "depth_mm"))
+    Traceback (most recent call last):
+    ValueError: exit_band: has 1 value, but the network tells 2 numbers; write the file again
+    """
+    if band and len(band) != len(numbers):
+        told = number_of(len(numbers), "number") if numbers else "classes"
+        raise ValueError(f"exit_band: has {number_of(len(band), 'value')}, but the network tells {told}; "
+                         "write the file again")  # fmt: skip
 
 
 def leads(readout: Tensor) -> Tensor:

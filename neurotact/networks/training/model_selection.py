@@ -22,7 +22,7 @@ from neurotact.metrics import paired
 from neurotact.networks.definition.network import Network
 from neurotact.networks.definition.specs import RSNNSpec
 from neurotact.networks.exit.patience import ExitChoice
-from neurotact.networks.exit.rule import ExitRule
+from neurotact.networks.exit.rule import ExitRule, SavedBand
 from neurotact.networks.training import ensemble, epochs, tasks, trainer
 from neurotact.networks.training.epochs import Checkpoint, Epoch, Examples
 from neurotact.networks.training.tasks import Sides, Task
@@ -37,7 +37,7 @@ class Choice(Spec):
     network: RSNNSpec
     """The network, with its recipe resolved."""
     exit_patience: int | None = Field(default=None, ge=1)
-    exit_band: tuple[float, ...] = Field(default=(), exclude_if=lambda band: not band)
+    exit_band: SavedBand = Field(default=(), exclude_if=lambda band: not band)
     gone = {"exit_margin": None}
     accuracy_validation: float = Field(le=1)
     exit_accuracy_validation: float = Field(le=1)

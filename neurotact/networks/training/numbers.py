@@ -14,7 +14,7 @@ import torch
 from torch import Tensor
 
 from neurotact.data.readers.table.cells import NUMBER
-from neurotact.errors import InputError, nearest
+from neurotact.errors import InputError, in_digits, nearest
 from neurotact.networks.definition.network import Network
 from neurotact.networks.definition.rsnn import RSNN
 from neurotact.networks.definition.specs import OF_NUMBERS, RSNNSpec
@@ -188,8 +188,8 @@ def lines(row: dict[str, float], names: Sequence[str]) -> Iterator[str]:
     for name in names:
         rmse, low, high, mean = (row[key.format(name)] for key in ("rmse_{}", "rmse_{}_low", "rmse_{}_high", "mae_{}"))
         yield (
-            f"{name}: root-mean-square error {rmse:.3g} (95 % interval {low:.3g} to {high:.3g}), mean absolute error "
-            f"{mean:.3g}, R² {row[f'r2_{name}']:.2f}"
+            f"{name}: root-mean-square error {in_digits(rmse)} (95 % interval {in_digits(low)} to "
+            f"{in_digits(high)}), mean absolute error {in_digits(mean)}, R² {row[f'r2_{name}']:.2f}"
         )
 
 

@@ -17,7 +17,7 @@ from typing import Any, NamedTuple
 import numpy as np
 import safetensors.torch
 import torch
-from pydantic import Field
+from pydantic import Field, model_validator
 from safetensors import SafetensorError
 from torch import Tensor
 
@@ -25,7 +25,7 @@ from neurotact import __version__, files
 from neurotact.backend import Backend
 from neurotact.data.spikes import SpikeTrains
 from neurotact.data.splits import Split
-from neurotact.errors import InputError, nearest
+from neurotact.errors import InputError, nearest, number_of
 from neurotact.files import existing, read_bytes, read_json, whole, write_json
 from neurotact.networks.definition import module
 from neurotact.networks.definition.network import Network
@@ -33,7 +33,7 @@ from neurotact.networks.definition.rsnn import RSNN
 from neurotact.networks.definition.specs import RSNNSpec
 from neurotact.networks.exit.patience import ExitChoice
 from neurotact.networks.exit.refusal import Refusal
-from neurotact.networks.exit.rule import FULL_WINDOW, ExitRule
+from neurotact.networks.exit.rule import FULL_WINDOW, ExitRule, SavedBand, check_band
 from neurotact.networks.training.events import DetectorSpec
 from neurotact.networks.training.provenance import Provenance, provenance_of
 from neurotact.networks.training.ranges import Ranges, SavedRanges, recorded
@@ -327,7 +327,7 @@ class _Extra(Provenance):
     classes: tuple[str, ...]
     spikes: str
     exit_patience: int | None = Field(ge=1, le=2**31 - 1)
-    exit_band: tuple[float, ...] = ()
+    exit_band: SavedBand = ()
     gone = {"exit_margin": None}
     has_own_rule: bool = True
     exit_losses: dict[int, float] | None = None
@@ -336,6 +336,11 @@ class _Extra(Provenance):
     recorded_Hz: float | None = Field(default=None, gt=0)
     detector: DetectorSpec | None = None
     taught: dict[str, list[str]] = {}
+
+    @model_validator(mode="after")
+    def _has_a_band_of_its_numbers(self) -> "_Extra":
+        check_band(self.exit_band, self.task.numbers)
+        return self
 
 
 def files_of(folder: str | Path) -> list[Path]:
@@ -359,11 +364,17 @@ def restore(
         raise InputError(f"{path}: '{missing[0]}' is missing; make the network with neurotact train")
     own = {*_Extra.model_fields, *_Extra.gone}
     known = build(_Extra, {key: value for key, value in extra.items() if key in own}, source=str(path))
-    if len(known.classes) != network.n_classes:
-        raise InputError(
-            f"{path}: names {len(known.classes)} classes, but the network has {network.n_classes}; "
-            "make the network with neurotact train"
-        )
+    numbers = known.task.numbers
+    for names, n, noun in (
+        (known.classes, network.n_classes, "number" if numbers else "class"),
+        (known.afferents, network.n_inputs, "afferent"),
+        (numbers or known.classes, network.n_classes, "number"),
+    ):
+        if len(names) != n:
+            raise InputError(
+                f"{path}: names {number_of(len(names), noun)}, but the network has {n}; make the network with "
+                "neurotact train"
+            )
     rule = ExitRule(known.exit_patience, from_first_spike=True, band=known.exit_band)
     losses, tolerance = known.exit_losses, known.task.exit_tolerance
     held = None if losses is None else ExitChoice(rule, losses, tolerance)

@@ -26,7 +26,7 @@ from neurotact.data.recordings import check_sampling_rate
 from neurotact.data.splits import hold_out, hold_out_groups
 from neurotact.data.windowed import Origin, in_order
 from neurotact.data.windows import WindowSpec, whole_steps
-from neurotact.errors import InputError
+from neurotact.errors import InputError, number_of
 from neurotact.estimators import NestedSettings
 from neurotact.metrics import synops
 from neurotact.metrics.prices import DEFAULT, PriceList, price_list
@@ -435,7 +435,8 @@ def _weights(sample_weight: ArrayLike, n_windows: int) -> tuple[np.ndarray, np.n
     weights = np.asarray(sample_weight, np.float64)
     if weights.shape != (n_windows,):
         raise InputError(
-            f"sample_weight: has the shape {weights.shape} where X has {n_windows} windows; give one weight per window"
+            f"sample_weight: has the shape {weights.shape} where X has {number_of(n_windows, 'window')}; "
+            "give one weight per window"
         )
     if not (np.isfinite(weights).all() and (weights >= 0).all() and weights.any()):
         raise InputError("sample_weight: must be finite numbers >= 0, not all 0")

@@ -7,7 +7,7 @@ import pandas as pd
 
 from neurotact.data.spikes import SpikeTrains
 from neurotact.data.windows import left_out
-from neurotact.errors import InputError
+from neurotact.errors import InputError, number_of
 from neurotact.metrics import synops
 from neurotact.networks.training.events import tool
 from neurotact.networks.training.provenance import Provenance, first_difference
@@ -93,8 +93,8 @@ def check_same_input(restored: Restored, trains: SpikeTrains, allow_other: bool 
     n_inputs = restored.network.n_inputs
     if len(trains.afferents) != n_inputs:
         raise InputError(
-            f"spikes: come from {len(trains.afferents)} afferents but the network was trained on {n_inputs}; "
-            "encode recordings of the same taxels"
+            f"spikes: come from {number_of(len(trains.afferents), 'afferent')} but the network was trained on "
+            f"{n_inputs}; encode recordings of the same taxels"
         )
     if restored.encoder is None:
         return

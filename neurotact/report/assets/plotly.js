@@ -135,18 +135,26 @@ function namesOfPoints(host, points, ink, pen) {
   }));
 }
 
-/* Names of level lines where nothing else is drawn: above or below the line, in few rows, as far left as there is room. */
+/* Names of level lines where nothing else is drawn: above or below the line, in few rows, as far left as there is room;
+   where there is none, further away, with a thin line to it. */
 function namesOf(host, lines, ink, pen) {
   const { xaxis, yaxis } = host._fullLayout;
   return lines.map((line) => {
     const at = yaxis.d2p(line.y);
-    const boxes = [60, 32, 22].flatMap((most) => {
+    const boxes = [0, 12, 24, 38, 54, 72, 92, 114, 140].flatMap((far) => [60, 32, 22].flatMap((most) => {
       const size = sized(pen, line.words, most), lefts = [4];
       while (lefts.at(-1) + 6 + size.wide <= xaxis._length) lefts.push(lefts.at(-1) + 6);
-      return lefts.flatMap((left) => [at - size.high, at].map((top) => ({ ...size, left, top })));
-    });
+      return lefts.flatMap((left) => [-1, 1].map((down) => {
+        const middle = left + size.wide / 2, top = down < 0 ? at - size.high - far : at + far;
+        return { ...size, far, left, top, ay: down * (far + size.high / 2), line: far ? along([middle, at], [middle, at + down * far]) : [] };
+      }));
+    }));
     const best = freest(host, ink, boxes);
-    ink.push(...covering(best));
+    ink.push(...covering(best), ...best.line);
+    if (best.far) return {
+      xref: "paper", x: (best.left + best.wide / 2) / xaxis._length, xanchor: "center", y: line.y, yref: "y", yanchor: "middle", ax: 0, ay: best.ay,
+      text: best.text, arrowhead: 0, arrowwidth: 0.8, arrowcolor: line.colour, font: { color: line.colour, size: 11 }, borderpad: 1,
+    };
     return {
       xref: "paper", x: best.left / xaxis._length, xanchor: "left", y: line.y, yref: "y", yanchor: best.top < at ? "bottom" : "top", borderpad: 1,
       text: best.text, align: "left", showarrow: false, font: { color: line.colour, size: 11 }, bgcolor: best.hidden ? style("--ground") : "rgba(0,0,0,0)",

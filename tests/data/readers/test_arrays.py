@@ -164,6 +164,42 @@ def test_the_sampling_rate_of_the_file_is_used_and_a_contradiction_named(tmp_pat
     assert f"{name} = 250, but 100 Hz is given and used" in caplog.text
 
 
+def say_by_attribute(path, **attributes):
+    with h5py.File(path, "a") as file:
+        (file["session/X"] if "units" in attributes else file).attrs.update(attributes)
+    return path
+
+
+@pytest.mark.parametrize(
+    ("suffix", "arrays", "attributes", "said"),
+    [
+        (".npz", {"unit": "mV"}, {}, "unit"),
+        (".h5", {"units": "mV"}, {}, "session/units"),
+        (".h5", {}, {"unit": "mV"}, "attribute unit"),
+        (".h5", {}, {"units": "mV"}, "attribute units of session/X"),
+        (".npz", {"taxels": ["l_mV", "m_mV", "r_mV"]}, {}, "l_mV, m_mV and 1 more"),
+    ],
+)
+def test_another_unit_than_the_file_says_is_named(tmp_path, suffix, arrays, attributes, said, caplog):
+    path = write(tmp_path / f"a{suffix}", X=SIGNALS, y=CLASSES, fs=100.0, **arrays)
+    if attributes:
+        say_by_attribute(path, **attributes)
+    assert nt.read_arrays(path, 100, "V").unit == "V"
+    assert caplog.messages == [f"{path}: says mV ({said}), but V is given and used"]
+    caplog.clear()
+    for unit in ("mV", "[mv]"):
+        assert nt.read_arrays(path, 100, unit).unit == unit
+    assert not caplog.messages
+
+
+@pytest.mark.parametrize(
+    "more", [{"unit": "a.b."}, {"unit": np.array([1, 2])}, {"taxels": ["pad_A", "pad_B", "pad_N"]}, {"unit": 5}]
+)
+def test_what_is_no_unit_of_the_signals_is_not_compared(tmp_path, more, caplog):
+    nt.read_arrays(write(tmp_path / "a.npz", X=SIGNALS, y=CLASSES, fs=100.0, **more), 100, "V")
+    assert "is given and used" not in caplog.text
+
+
 def test_a_rate_that_is_not_known_or_said_twice_is_asked_for(tmp_path):
     refused("the sampling rate is not known; give `sampling_rate_Hz`, or save it as fs",
             write(tmp_path / "a.npz", X=SIGNALS, y=CLASSES), None, "V")  # fmt: skip

@@ -342,7 +342,7 @@ def test_trials_of_other_taxels_are_refused(tmp_path):
     [
         ("", "a.csv: holds no row"),
         ("a,b\n", "a.csv: holds no row"),
-        ("a,b\n1,2\n3\n", "a.csv: line 3 has 1 columns where 2 are expected"),
+        ("a,b\n1,2\n3\n", "a.csv: line 3 has 1 column where 2 are expected"),
         ("a,b\n1,2,3\n", "a.csv: line 2 has 3 columns where 2 are expected"),
         ("1,2\n3,x\n", "a.csv: line 2, column 2 is 'x'"),
         ("1,x\n3,4\n", "a.csv: line 1, column 2 is 'x'"),

@@ -287,7 +287,7 @@ def test_times_of_day_need_no_header(tmp_path):
         ("time,p\n12:00:01,1\n12:00,2\n", {}, "line 3, column 1 is '12:00', not a time as in 12:00:00.25; repair it"),
         ("time,p\n12:00:01,1\n", {"time_unit": "ms"}, "column 1 holds times of day, which are in seconds; leave"),
         ("time,p\n12:00:01,1\n11:59:59,2\n", {}, "line 3 is earlier than the line before it"),
-        ("p,time\n1,12:00:01\n2\n", {}, "line 3 has 1 columns where 2 are expected"),
+        ("p,time\n1,12:00:01\n2\n", {}, "line 3 has 1 column where 2 are expected"),
         ("p,at\n1,12:00:01,9\n2,12:00:02\n", {}, "line 2 has 3 columns where 2 are expected"),
     ],
 )  # fmt: skip
@@ -411,7 +411,7 @@ def test_time_stamps_in_another_unit_than_said_are_named(tmp_path, caplog):
 
 def test_stamps_that_may_be_in_two_units_are_refused(tmp_path):
     write(tmp_path / "felt" / "a.csv", stamps("time", range(0, 200_000, 100)))
-    message = r"may be in ms \(trials of 200 s at 10 Hz\) or us \(trials of 0.2 s at 1e\+04 Hz\); give their unit with"
+    message = r"may be in ms \(trials of 200 s at 10 Hz\) or us \(trials of 0.2 s at 10,000 Hz\); give their unit with"
     with pytest.raises(InputError, match=message):
         nt.read_folder(tmp_path, unit="mV")
     assert nt.read_folder(tmp_path, 10_000, "mV").sampling_rate_Hz == 10_000

@@ -64,7 +64,7 @@ def test_any_bytes_are_numbers_or_refused(tmp_path_factory, content):
     [
         ("", "a.csv: holds no row of numbers"),
         ("1,2\n\n3,4\n", "a.csv: line 8 is empty"),
-        ("1,2\n3\n", "a.csv: line 8 has 1 columns where 2 are expected"),
+        ("1,2\n3\n", "a.csv: line 8 has 1 column where 2 are expected"),
         ("1,2\n3,4,5\n", "a.csv: line 8 has 3 columns where 2 are expected"),
         ("1,2\n3,\n", "a.csv: line 8, column 2 (right) is empty"),
         ("1,2\n3,nan\n", "a.csv: line 8, column 2 (right) is nan"),

@@ -47,6 +47,13 @@ def test_each_group_is_a_trial_and_each_channel_a_taxel(tmp_path):
     assert nt.read_folder(tmp_path, 100, "V", layout=nt.Layout(columns="left")).sampling_rate_Hz == 100.0
 
 
+def test_another_unit_than_a_channel_has_is_named(tmp_path, caplog):
+    taxels = dict(zip(["left", "right"], SIGNAL.T, strict=True))
+    written(tmp_path / "felt" / "a.tdms", {"one": taxels}, wf_increment=0.002, unit_string="mV")
+    assert nt.read_folder(tmp_path, unit="V").unit == "V"
+    assert caplog.messages == [f"{tmp_path}: says mV (left, right), but V is given and used"]
+
+
 @pytest.mark.parametrize("name", ["t_ms", "clock"])
 def test_a_channel_of_times_gives_the_rate(tmp_path, name, caplog):
     ms = 5 * np.arange(30)

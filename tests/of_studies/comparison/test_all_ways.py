@@ -63,6 +63,7 @@ def test_rows_of_a_family(arrays, family):
         assert row["n_test"] == 6
         assert row["test_trials"] == 6  # touches, each of its own group
         assert row["n_train"] > 12
+        assert row["validation_trials"] == row["n_validation"] == row["examples"] - row["n_train"] - row["n_test"]
         assert row["chance"] == 0.5
         energies = by_list.energies(pd.DataFrame([row])).iloc[0]
         assert energies["arithmetic-45nm"] == pytest.approx(row["energy_estimate_nJ"])

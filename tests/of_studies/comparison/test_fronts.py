@@ -74,6 +74,19 @@ def test_networks_that_are_all_right_have_the_interval_of_their_test_trials():
     assert fronts(earlier)["low"].tolist() == pytest.approx([of_windows["low"]] * 2 + [of_trials["low"]] * 2)
 
 
+def test_the_error_of_the_choice_is_that_of_the_validation_side():
+    # A setting 1 point below validation's best is kept where few validation trials decide, and not where many do.
+    points = [(NOTHING, "-", 1000.0, 0.90, 0.90), ("pruning", "50 %", 500.0, 0.89, 0.90)]
+    rows = table(points).assign(n_train=7000, n_test=150)
+    rows["energy_estimate_nJ"] = rows["sops_total"]
+    few, many = rows.assign(n_validation=150), rows.assign(n_validation=6000)
+    assert "pruning" in headline(few)
+    assert "pruning" not in headline(many)
+    assert headline(rows) == headline(few)  # an earlier run: as large as the test side
+    by_trial = many.assign(validation_trials=100)  # 60 windows of each
+    assert headline(by_trial) == headline(few)
+
+
 def test_shares_are_of_the_same_seeds():
     rows = table(POINTS[:3])
     rows.loc[(rows["way"] == NOTHING) & (rows["seed"] == 0), "sops_total"] = 4000.0

@@ -61,6 +61,8 @@ def test_networks_and_classifiers_on_signals_and_spikes_leave_a_row(rows):
     assert {row["n_test"] for row in rows} == {rows[0]["n_test"]}
     assert {row["test_trials"] for row in rows} == {rows[0]["n_test"]}  # a window each
     assert {row["n_train"] for row in rows} == {rows[0]["n_train"]}
+    assert {row["validation_trials"] for row in rows} == {row["n_validation"] for row in rows}
+    assert len({row["n_validation"] for row in rows}) == 1
     assert len({row["signal_ms"] for row in rows}) == 1
 
 

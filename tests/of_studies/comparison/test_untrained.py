@@ -124,6 +124,7 @@ def test_the_network_and_each_opponent_leave_a_row(remedy):
     assert len(network) == (2 if remedy == CEILING else 1)
     assert sum(row["n_test"] for row in network) == 12  # six trials of two windows
     assert sum(row["test_trials"] for row in network) == 6
+    assert {row["n_validation"] for row in rows} == {2 * row["validation_trials"] for row in rows}
     assert {row["split"] for row in rows} == {str(asked(remedy).value)}  # seeds test the same trials
     assert {"logistic regression", "SVM", "extra trees", "MiniRocket"} < {row["classifier"] for row in rows}
     assert {row["copies"] for row in rows} == {"gain" if remedy == "copies in gain" else "none"}

@@ -89,6 +89,9 @@ def test_every_way_leaves_a_row(rows):
     assert list(rows) == [NOTHING, *WAYS]
     for row in rows.values():
         assert 0 <= row["accuracy_test"] <= 1
+        assert (
+            row["n_validation"] / row["validation_trials"] == row["n_test"] / row["test_trials"]
+        )  # windows of a trial
         assert row["sops_total"] == pytest.approx(row["sops_input"] + row["sops_recurrent"] + row["sops_readout"])
 
 

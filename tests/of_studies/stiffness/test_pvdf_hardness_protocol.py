@@ -64,7 +64,8 @@ def test_the_spiking_chain_is_on_the_same_splits_with_its_measured_operations():
     assert (full["signal_ms"] == 120.0).all()
     assert (early["sops"].to_numpy() <= full["sops"].to_numpy()).all()
     others = pd.DataFrame(hardness.run(parameters(), arrays))
-    assert set(rows["n_test"]) == set(others["n_test"])
+    for side in ("train", "validation", "test"):
+        assert set(rows[f"n_{side}"]) == set(others[f"n_{side}"])
     assert hardness.run(parameters(chain="RSNN"), arrays) == [
         {k: pytest.approx(v, nan_ok=True) if isinstance(v, float) else v for k, v in row.items()}
         for row in rows.to_dict("records")

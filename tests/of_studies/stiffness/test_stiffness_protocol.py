@@ -53,6 +53,7 @@ def test_rows_carry_accuracy_and_the_costs_of_the_unit(data, arrays):
     assert set(stiffness.VIEW.by) | set(stiffness.VIEW.measures) <= set(rows.columns)
     assert (rows["test_trials"] == rows["n_test"]).all()
     assert (rows["n_train"] > 3 * rows["n_test"]).all()
+    assert (rows["n_train"] + rows["n_validation"] + rows["n_test"] == 60).all()
     # Table I: 4224 before the classifier at 8F; Table II: 24 a neuron for an R-ELM.
     assert (rows["flops"] == 4224 + 24 * rows["neurons"]).all()
     assert (rows["signal_ms"] == 75.0).all()
@@ -71,6 +72,7 @@ def test_the_papers_rule_and_ours_differ(data, arrays):
 def test_placements_that_are_split_as_a_whole_are_trials(data, arrays):
     for row in stiffness.run(parameters(data, protocol="by placement"), arrays):
         assert row["test_trials"] == row["n_test"] / 4  # 60 grasps of 15 placements
+        assert row["validation_trials"] == row["n_validation"] / 4
 
 
 def test_figures_are_drawn_from_part_of_a_sweep(data, arrays):

@@ -4,6 +4,7 @@ import itertools
 import json
 import math
 import re
+import shutil
 from types import SimpleNamespace
 
 import numpy as np
@@ -19,7 +20,7 @@ from neurotact_parts.streams.detector import DetectorSpec, Heard
 from neurotact_parts.streams.long_recordings import parts_of_recordings
 from neurotact_parts.studies.targets import engine, report, rivals, trials, words
 from neurotact_parts.studies.targets.rivals import EVERY_MS, Sliding, values_of
-from neurotact_parts.studies.targets.ways import Compared, Way, networks_of
+from neurotact_parts.studies.targets.ways import Compared, Way, networks_of, rivals_of
 from sklearn.base import BaseEstimator, ClassifierMixin
 
 import neurotact as nt
@@ -37,7 +38,7 @@ from neurotact.metrics.prices import MEMORY_45NM
 from neurotact.networks.definition.specs import RSNNSpec, TrainingSpec
 from neurotact.networks.training import tasks
 from neurotact.networks.training.tasks import Task
-from neurotact.studies import loading, preparation, runner
+from neurotact.studies import loading, preparation, runner, tables_beside
 from neurotact.studies.cell import run_cell, task_of
 from neurotact.studies.store import cell_folder, result_of
 
@@ -444,7 +445,9 @@ def test_what_a_rival_was_not_trained_on_has_its_least_value():
 
 
 def test_a_linear_machine_stands_for_that_of_votes(events, place, monkeypatch):
-    monkeypatch.setattr(rivals, "_row", lambda _one, name, rival, *_: {"classifier": name, "is": rival})
+    monkeypatch.setattr(
+        rivals, "_row", lambda _one, name, rival, *_: {"classifier": name, "is": rival, "t_ref_ra_ms": None}
+    )
     study, recordings = events.study.model_copy(update={"baselines": "quick"}), hdf5.load_recordings(place / "slips.h5")
     (cell,) = engine.cells(study)
     rows = [*rivals.rows_of(events.folder, recordings, study, cell, [cell], is_first=True)]
@@ -455,6 +458,38 @@ def test_a_linear_machine_stands_for_that_of_votes(events, place, monkeypatch):
     told = values_of(fitted.fitted, x, 2)
     assert (told.argmax(axis=1) == y).all()
     assert fitted.layers == (Dense(1, 2),)
+
+
+@pytest.mark.parametrize("kind", ["numbers", "events"])
+def test_rivals_on_spikes_are_compared_with_networks_on_the_same_spikes(kind, request, place):
+    """Of a sweep over a key of the encoder, each value has rivals of its own, and those on signals stand beside all."""
+    run, key = request.getfixturevalue(kind), "encoder.tau_mem_ms"
+    study = run.study.model_copy(update={"sweep": {**run.study.sweep, key: [5.0, 50.0]}, "baselines": "readout"})
+    recordings = hdf5.load_recordings(place / f"{run.folder.name}.h5")
+    name = next(engine.cells(run.study)).spikes_name
+    for cell in engine.cells(study):  # their spikes differ in a study; here each is at the place of its own
+        if cell.spikes_name != name and not (run.folder / cell.given).exists():
+            shutil.copy(run.folder / f"spikes/{name}.h5", run.folder / cell.given)
+    cells = [*{cell.spikes_name: cell for cell in engine.cells(study)}.values()]
+    made = (
+        tables_beside.rows_of(run.folder, recordings, study, cell, [cell], is_first=cell is cells[0]) for cell in cells
+    )
+    rows = pd.DataFrame([*itertools.chain(*made)])
+    of_spikes = rows["input"].str.startswith("spikes")
+    assert rows[key].isna().equals(~of_spikes)
+    assert set(rows.loc[of_spikes, key]) == {5.0, 50.0}
+    scores = {5.0: 0.25, 50.0: 0.75}
+    trials = pd.DataFrame(
+        [(at, side, trial, scores.get(row[key], 0.5)) for at, row in rows.iterrows()
+         for side in ("validation", "test") for trial in range(3)],
+        columns=["baseline", "side", "trial", "right"],
+    )  # fmt: skip
+    target = engine.parameters_of(study.parameters).target
+    tables = {"baselines": rows.drop(columns=opponents.RIGHT), "baselines_trials": trials}
+    for value, score in scores.items():
+        found = [*rivals_of(tables, study, target, {key: value})]
+        assert {np.mean([*one.tested.values()]) for one in found if one.of_signals} == {0.5}
+        assert {np.mean([*one.tested.values()]) for one in found if not one.of_signals} == {score}
 
 
 @given(st.lists(st.sampled_from(["hit", "miss", "false alarm", "quiet"]), min_size=1, max_size=6))

@@ -15,7 +15,7 @@ from typing import Any, Literal, NamedTuple
 import numpy as np
 
 from neurotact import files
-from neurotact.errors import InputError, some
+from neurotact.errors import InputError, number_of, some
 from neurotact.lazily import lazily
 
 with lazily():
@@ -459,8 +459,8 @@ def _check_rows(table: Table) -> None:
         if COMMENT.match(row[0]):
             raise InputError(f"{table.path}: line {line} is a comment, {row[0][:40]!r}; remove the line")
         raise InputError(
-            f"{table.path}: line {line} has {len(row)} columns where {expected} are expected; remove the line, or give "
-            "every line the same columns"
+            f"{table.path}: line {line} has {number_of(len(row), 'column')} where {expected} "
+            f"{'is' if expected == 1 else 'are'} expected; remove the line, or give every line the same columns"
         )
 
 

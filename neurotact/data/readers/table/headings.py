@@ -29,7 +29,7 @@ from neurotact.data.readers.table.cells import (
     splits_thousands,
 )
 from neurotact.data.readers.table.texts import read_any_text
-from neurotact.errors import InputError, some
+from neurotact.errors import InputError, number_of, some
 
 log = logging.getLogger("neurotact")
 
@@ -284,7 +284,7 @@ def open_table(
         notes.append(f"the comment in line {head.comment} names the columns: {some(head.names)}")
     if head.units:
         listed = some([unit for unit in head.units if unit])
-        notes.append(f"the line of units is no sample ({listed}); that of the signals is `unit`, as given")
+        notes.append(f"the line of units is no sample ({listed})")
     body = text[samples.begin :]
     its_decimal = decimal or _decimal_in(body, usual.separator)
     notes += [COMMAS] if its_decimal != (decimal or ".") else []
@@ -449,7 +449,7 @@ def _fault_of(row: Sequence[str], n_columns: int) -> str:
         fix = "; write numbers without separators of thousands and with decimal points"
     elif len(row) > n_columns:
         fix = "; give all lines the same columns"
-    return f"has {len(row)} columns where {n_columns} are expected{fix}"
+    return f"has {number_of(len(row), 'column')} where {n_columns} {'is' if n_columns == 1 else 'are'} expected{fix}"
 
 
 def _hint(usual: _UsualRow, n_names: int) -> str:
