@@ -120,7 +120,7 @@ def _elm_grid(sides: Sides, seed: int) -> Iterator[Settings]:
 
 
 def _elm_layers(fitted: ELMClassifier, x: np.ndarray) -> tuple[Layer, ...]:
-    return Dense(x.shape[1], fitted.hidden, "sigmoid"), Dense(fitted.hidden, len(fitted.classes_), bias=False)
+    return Dense(x.shape[1], fitted.hidden, "sigmoid"), Dense(*fitted.coef_.shape, bias=False)
 
 
 ELM = Opponent(

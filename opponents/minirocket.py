@@ -353,7 +353,7 @@ def _minirocket_layers(fitted: _OnMiniRocket, x: np.ndarray) -> tuple[Layer, ...
         convolved=sum(len(one.channels) for one in convolutions),
         biases=sum(len(one.biases) for one in convolutions),
     )
-    n_told = len(getattr(fitted, "classes_", np.atleast_2d(fitted.ridge_[-1].coef_)))
+    n_told = len(np.atleast_2d(fitted.ridge_[-1].coef_))  # of two classes one
     return made, Standardise(fitted.features), Dense(fitted.features, n_told)
 
 

@@ -29,11 +29,16 @@ MOST_SEARCHED, FITTED = 2000, 3
 """Training examples on which C and gamma are searched, and how many of the settings are then fitted to all of them."""
 
 
+def n_outputs(fitted: Any, x: np.ndarray) -> int:
+    """Outputs of a linear classifier: one for each class, or for two classes one in all, whose sign decides."""
+    return np.size(fitted.decision_function(x[:1]))
+
+
 LOGISTIC_REGRESSION = Opponent(
     "Logistic regression with one of several penalties; all cost the same.",
     linear,
     [{"C": c} for c in LINEAR_CS],
-    layers=lambda fitted, x: (Dense(x.shape[1], len(fitted.classes_)),),
+    layers=lambda fitted, x: (Dense(x.shape[1], n_outputs(fitted, x)),),
     rounded=rounding.last_step,
     joins="linear",
 )

@@ -66,8 +66,10 @@ def cost_nJ(chain: Chain, decision: Decision) -> float:  # noqa: N802
     costs = synops.of_network(chain.network, *(np.array([n]) for n in measured.values()))
     measured |= {name: int(part[0]) for name, part in zip(SOPS, costs[:3], strict=True)}
     if there := chain.network.synapses:  # a decision tells all operations: those of the readout are the mean of spikes
-        into_readout = decision.hidden_spikes * there[SYNAPSES[-1]] / chain.network.spec.hidden
-        into_readout = min(into_readout, decision.sops)
+        spec = chain.network.spec
+        heard = decision.hidden_spikes + decision.input_spikes * spec.hears_afferents
+        into_readout = heard * there[SYNAPSES[-1]] / spec.heard(chain.network.n_inputs)
+        into_readout = min(into_readout, decision.sops) if spec.hidden else decision.sops
         measured |= there | dict(zip(SOPS, (decision.sops - into_readout, 0, into_readout), strict=True))
     network = network_cost(
         chain.network.spec, chain.network.n_inputs, chain.network.n_classes, measured,

@@ -15,6 +15,7 @@ from neurotact_parts.studies.comparison.saving import Fitted
 
 from neurotact import files, workers
 from neurotact.data import hdf5
+from neurotact.data.copies import copies_of
 from neurotact.metrics.paired import by_trial, compare_by_trial
 from neurotact.networks.exit.rule import FULL_WINDOW
 from neurotact.networks.training import resumable, run_folder, tasks, trainer
@@ -83,7 +84,8 @@ def _right(fitted: Fitted, rule: Any, start: Start) -> dict[int, float]:
     """The share of the windows of each test trial that are decided correctly."""
     window = window_of(fitted, start)
     examples, windows = tasks.examples_of(fitted.trains, start.bench.split.test, start.bench.task, window)
-    return by_trial(windows.trial, measuring.right_of(fitted.network.infer(examples.spikes, rule), examples))
+    trial = copies_of(start.base.trains).first[windows.trial]
+    return by_trial(trial, measuring.right_of(fitted.network.infer(examples.spikes, rule), examples))
 
 
 def _tested(base: dict[int, float], mine: dict[int, float]) -> dict[str, float]:

@@ -424,6 +424,7 @@ class Integrator(Layer):
     beside: those of its inputs that another layer hears, too, and their spikes, which `spikes` leaves out: they stand
         in the queue of that layer and are read once more.
     synapses: those that exist, each with a weight in every stretch; None: all.
+    sops_sent: of its `sops`, those of spikes that neurons of the network sent, and not afferents; None: all.
     """
 
     inputs: int
@@ -437,6 +438,7 @@ class Integrator(Layer):
     steps: float = 0.0
     beside: tuple[int, float] = (0, 0.0)
     synapses: float | None = None
+    sops_sent: float | None = None
 
     def __post_init__(self) -> None:
         super().__post_init__()
@@ -453,7 +455,8 @@ class Integrator(Layer):
         weights = stored(self.inputs, self.neurons, self.synapses, self.stretches)
         return weights + with_weights(
             self.neurons, states, macs=leaking, acs=self.sops, comparisons=most * leaking, sops=self.sops,
-            neuron_updates=leaking, neuron_macs=leaking, neuron_comparisons=most * leaking, sops_sent=self.sops,
+            neuron_updates=leaking, neuron_macs=leaking, neuron_comparisons=most * leaking,
+            sops_sent=self.sops if self.sops_sent is None else self.sops_sent,
             readout_updates=0 if leaking else self.neurons * self.steps,
             weights_accesses=self.sops + self.neurons, **changed(1 + most, changes),
             **_queued(self.inputs - self.beside[0], spikes, self.beside[1]),

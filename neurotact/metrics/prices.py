@@ -45,6 +45,10 @@ PRICED = (
 """What a price list can have a price of: names of a `flops.Cost`."""
 
 
+WITH_MEMORY = ("synaptic_operation_pJ", "neuron_update_pJ")
+"""Prices of a list that stand for all that an operation or an update takes."""
+
+
 class OneWidth(Spec):
     """The energy of operations and accesses on numbers of one width; see `PriceList`."""
 
@@ -101,6 +105,11 @@ class OneWidth(Spec):
     def _operations_have_a_price(self) -> Self:
         if self.sent_operation_pJ is not None and self.synaptic_operation_pJ is None:
             raise InputError("sent_operation_pJ: needs a price of the others, synaptic_operation_pJ; add it")
+        whole = next((key for key in WITH_MEMORY if getattr(self, key) is not None), None)
+        if whole and self.memory_pJ:
+            raise InputError(
+                f"memory_pJ: {whole} stands for its memory, too, which would count twice; give one of them"
+            )
         return self
 
     @field_validator("memory_pJ")
@@ -168,8 +177,8 @@ class PriceList(OneWidth):
     >>> mine.energy_nJ({"macs": 1000, "acs": 4000}), mine.by_kind["divisions"]
     (2.25, 2.5)
 
-    With a price of memory, what is read and written costs, and is NaN where it is not counted; a price of a neuron's
-    update or of a synaptic operation stands for all that they take.
+    With a price of memory, what is read and written costs, and is NaN where it is not counted. A price of a neuron's
+    update or of a synaptic operation stands for all that they take, and is refused beside one of memory.
     """
 
     wide: OneWidth | None = None

@@ -477,7 +477,7 @@ class _OfRun(NamedTuple):
         self, answer: OfNetworks, sides: Sides, cells: Sequence[Cell], untold: str, sample_ms: float
     ) -> tuple[str, tuple[str, Sequence[str]]]:
         """The sentence, and what to do next, in words and commands; cells: one per split."""
-        compared = period_choice.Comparison(self.rows, self._right, split_columns(self.study), self._sizes(cells[0]))
+        compared = period_choice.Comparison(self.rows, self._right, split_columns(self.study), self._sizes(cells))
         choice = period_choice.choose(answer, compared, untold, cells[0].early_exit.tolerance)
         if choice is None:
             return "", ("", ())
@@ -500,14 +500,19 @@ class _OfRun(NamedTuple):
             return ()
         return Counter(self.trains.labels[np.unique(copies_of(self.trains).first)].tolist()).values()
 
-    def _sizes(self, cell: Cell) -> tuple[int, int, float]:
-        """Training and test trials of a split; as many of both where they are unknown, which is cautious."""
+    def _sizes(self, cells: Sequence[Cell]) -> tuple[int, int, float]:
+        """Training and test trials, sums over splits, and test trials of one, their mean; cells: one per split.
+
+        As many of both where they are unknown, which is cautious.
+        """
         try:
-            found = None if self.trains is None else tasks.trials_of(self.trains, task_of(cell))
+            found = [] if self.trains is None else [tasks.trials_of(self.trains, task_of(cell)) for cell in cells]
         except InputError:  # spikes of other trials
-            found = None
-        n_test = 1 if found is None else max(1, len(found.test))
-        return (n_test if found is None else len(found.train)), n_test, float(n_test)
+            found = []
+        if not found:
+            return 1, 1, 1.0
+        n_train, _, n_test = (sum(map(len, side)) for side in zip(*found, strict=True))
+        return n_train, n_test, n_test / len(found)
 
 
 def cells_of(done: Sequence[Cell], rows: pd.DataFrame, network: Network) -> list[Cell]:

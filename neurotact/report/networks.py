@@ -194,7 +194,7 @@ def write(
         ],
         baselines=_baselines_table(baselines, study, front.in_integers(beside, shown.setting, shown.answer.best)),
         ledger=_ledger_table(costs),
-        ledger_about=f"{ledger.ABOUT} {study.prices.in_words()}",
+        ledger_about=f"{ledger.ABOUT[study.encoding_in]} {study.prices.in_words()}",
         pair_word=periods.head(study),
         page=page.parts(
             _page_data(folder, done, results, spent, searches, classes, fronts, trains, among.drawn if among else {})
@@ -391,6 +391,7 @@ def _ledger(
             own = baselines[(baselines["encoder"] == model) | (baselines["encoder"].isna() & (not parts))]
         made_by = [known[index] for index in rows.index]
         how = {"afferents": made_by, "n_classes": n_classes, "prices": study.prices}
+        how["encoding"] = study.encoding_in == "processor"
         table = ledger.study_ledger(study.network, rows, own, **how)
         parts.append(table if model is None else table.assign(name=f"{model}: " + table["name"]))
     return pd.concat(parts, ignore_index=True)

@@ -218,7 +218,7 @@ def row_of(fitted: Fitted, rule: ExitRule = FULL_WINDOW, *, prices: PriceList = 
     spikes = {name: float(getattr(inferred, name).double().mean()) for name in ("input_spikes", "hidden_spikes")}
     touched = measuring.touched(truncated.simulate_windows(network, test), network.steps_per_bin, inferred.steps)
     spent, by_events = (
-        _cost(fitted, {**row, **spikes, **touched}, inferred.steps, event_driven=event_driven)
+        _cost(fitted, {**row, **spikes, **touched, **network.synapses}, inferred.steps, event_driven=event_driven)
         for event_driven in (False, True)
     )
     return {

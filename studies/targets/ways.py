@@ -249,7 +249,9 @@ def rivals_of(
             for side in ("validation", "test", DELAYS)
         )
         errors = {
-            name: float(own[name].pow(2).mean() ** 0.5) for name in (f"rmse_{name}" for name in target) if name in own
+            name: float(np.average(own[name].pow(2), weights=own["n_test"]) ** 0.5)  # over all windows, as of networks
+            for name in (f"rmse_{name}" for name in target)
+            if name in own
         }
         found = _over(own, 1.0) if [*target] == [EVENTS] else errors
         spent = float(own["nJ_per_s"].mean())

@@ -353,7 +353,7 @@ def elm(features: np.ndarray, labels: np.ndarray, split: Split, seed: int) -> Ch
     features = scale * features
     machine = ELMClassifier(-minus_hidden, alpha=alpha, random_state=seed).fit(features[train], labels[train])
     layers: list[Layer] = [
-        Dense(features.shape[1], -minus_hidden, "sigmoid"), Dense(-minus_hidden, len(machine.classes_), bias=False),
+        Dense(features.shape[1], -minus_hidden, "sigmoid"), Dense(*machine.coef_.shape, bias=False),
     ]  # fmt: skip
     tested = float(machine.score(features[test], labels[test]))
     return validated, tested, f"{-minus_hidden} hidden, alpha = {alpha:g}", layers

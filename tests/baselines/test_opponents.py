@@ -11,7 +11,7 @@ from neurotact_parts.opponents import pooled_gru, scikit_learn
 
 from neurotact.baselines import opponents
 from neurotact.baselines.features import band_powers
-from neurotact.baselines.opponent import Opponent, joined
+from neurotact.baselines.opponent import Opponent, Sides, best_of, joined, load
 from neurotact.baselines.opponents import Cuts, Input
 from neurotact.data.recordings import Recordings
 from neurotact.data.spikes import from_rasters
@@ -86,9 +86,9 @@ def test_what_a_line_tells_apart_all_tell_apart():
     assert [row["classifier"] for row in found] == ["logistic regression", "SVM", "ELM", "extra trees"]
     assert [row["accuracy_test"] for row in found] == [1.0, 1.0, 1.0, 1.0]
     assert {(row["n_train"], row["n_validation"], row["n_test"]) for row in found} == {(24, 8, 8)}
-    # Standardising 2 features and 2 outputs of 2 inputs: 2 + 4 MACs.
-    assert found[0]["macs"] == 6
-    assert found[0]["energy_estimate_nJ"] == pytest.approx(1e-3 * (4.6 * 6 + 0.9 * 7))
+    # Standardising 2 features, and of two classes an output of 2 inputs: 2 + 2 MACs.
+    assert found[0]["macs"] == 4
+    assert found[0]["energy_estimate_nJ"] == pytest.approx(1e-3 * (4.6 * 4 + 0.9 * 7))
 
 
 def test_test_windows_choose_nothing():
@@ -266,3 +266,20 @@ def test_a_choice_is_fitted_again_with_the_condition_of_validation():
     both = made._replace(copies={"none": sides[0]}, last=last._replace(copies={"none": last.sides[0]}))
     assert [row["accuracy_test"] for row in opponents.rows([one], labels, both)] == [1.0]
     assert both.most_trained("none") == 20
+
+
+@pytest.mark.parametrize("name", ["logistic regression", "ELM", "MiniRocket"])
+@pytest.mark.parametrize("n_classes", [2, 3])
+def test_of_two_classes_a_machine_has_one_output(name, n_classes):
+    """Its sign decides; a second would say the same, and cost as much again."""
+    labels = np.arange(60) % n_classes
+    rng, is_sequence = np.random.default_rng(0), name == "MiniRocket"
+    x = rng.normal(size=(60, 12, 2) if is_sequence else (60, 7)).astype(np.float32)
+    own = load(name)
+    best = best_of(own, Sides(x, x, x, labels, labels, labels), 0)
+    last = best.layers[-1]
+    fitted = (
+        best.fitted[-1] if name == "logistic regression" else best.fitted.ridge_[-1] if is_sequence else best.fitted
+    )
+    assert last.units == (1 if n_classes == 2 else 3)
+    assert last.cost().macs == np.size(fitted.coef_)

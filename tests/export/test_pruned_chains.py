@@ -18,9 +18,11 @@ from neurotact_parts.streams.stream import Stream
 
 from neurotact.backend import native
 from neurotact.errors import InputError
+from neurotact.metrics.prices import MEMORY_45NM
 from neurotact.networks.definition.rsnn import RSNN
 from neurotact.networks.training.sparsity import prune
 from neurotact.networks.use import measuring
+from neurotact.networks.use.ledger import network_cost
 
 needs_compiler = pytest.mark.skipif(proof.missing("cc") is not None, reason=str(proof.missing("cc")))
 KINDS = {
@@ -140,3 +142,20 @@ def test_operations_beyond_a_counter_are_refused(tmp_path):
     chain = pruned("spiking", 0.5, hidden=900, n_taxels=500, windows={"length_ms": 6000.0})
     with pytest.raises(InputError, match="synaptic operations may exceed"):
         c_export.write(chain, tmp_path)
+
+
+@pytest.mark.parametrize("keys", [{"hidden": 0}, {"direct": True}])
+def test_the_live_page_knows_which_operations_a_pruned_readout_has_of_afferents(keys):
+    chain = pruned("integrator", 0.5, **keys)
+    decision = next(iter(Stream(chain).push(make_signal(170, 6))))
+    assert decision.input_spikes > 0
+    whole = chain.network.synapses["synapses_readout"] / chain.network.spec.heard(chain.network.n_inputs)
+    heard = decision.input_spikes + decision.hidden_spikes
+    expected = decision.sops if not chain.network.spec.hidden else min(decision.sops, heard * whole)
+    measured = {"sops_input": decision.sops - expected, "sops_recurrent": 0, "sops_readout": expected}
+    measured |= {"input_spikes": decision.input_spikes, "hidden_spikes": decision.hidden_spikes}
+    network = network_cost(
+        chain.network.spec, chain.network.n_inputs, chain.network.n_classes, measured | chain.network.synapses,
+        steps=decision.steps, signal_ms=decision.ms,
+    )  # fmt: skip
+    assert scores.cost_nJ(chain, decision) > network.energy_nJ(MEMORY_45NM) > 0

@@ -91,6 +91,15 @@ def test_a_list_like_another_has_its_keys_but_for_its_own(name, tmp_path):
         ({"like": "memory-45mm"}, "there is none called 'memory-45mm'; did you mean 'memory-45nm'"),
         ({"like": "./mine.toml"}, "like: must be the name of an installed price list; got ./mine.toml"),
         ({"like": "memory-45nm", "sent_operation_pJ": 1.0}, "sent_operation_pJ: needs a price of the others"),
+        (
+            {"like": "memory-45nm", "synaptic_operation_pJ": 1.0},
+            "memory_pJ: synaptic_operation_pJ stands for its memory",
+        ),
+        (
+            {"like": "loihi", "memory_pJ": [[0, 1.0], [9, 2.0]]},
+            "memory_pJ: synaptic_operation_pJ stands for its memory",
+        ),
+        ({"like": "memory-45nm", "neuron_update_pJ": 1.0}, "memory_pJ: neuron_update_pJ stands for its memory, too"),
     ],
 )
 def test_what_no_list_can_be_like_is_refused(keys, complaint):

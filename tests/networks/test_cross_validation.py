@@ -15,7 +15,7 @@ from neurotact import cli
 from neurotact.cli import app, output
 from neurotact.data import hdf5
 from neurotact.data.spikes import from_rasters
-from neurotact.data.splits import Splits
+from neurotact.data.splits import Splits, aside_of, split_touches
 from neurotact.data.windows import WindowSpec
 from neurotact.errors import InputError
 from neurotact.files import read_json, write_json
@@ -227,8 +227,68 @@ def test_further_seeds_of_two_tested_values_give_no_interval(at_speeds, tmp_path
     tasks = tasks_of(hdf5.load_spikes(at_speeds).conditions, leave_out_each="speed", repeats=2)
     monkeypatch.setattr(resumable, "run", trained_with([0.3, 0.5, 0.7, 0.5, 0.5, 0.5]))
     found = cross_validation.run(at_speeds, tmp_path / "three", SMALL, tasks)
-    assert [*found.accuracy] == pytest.approx([*resampled_interval([0.4, 0.5, 0.6], 667, 333)])
+    assert [*found.accuracy] == pytest.approx([*resampled_interval([0.4, 0.5, 0.6], 16, 8)])
     assert "%) over 3 values of speed, 2 splits each, " in cross_validation.line(found)
+
+
+@pytest.fixture
+def of_people(tmp_path):
+    """Three people with 12, 6 and 6 presses, at two speeds each."""
+    rng = np.random.default_rng(0)
+    people = [("ann", speed) for speed in (1, 2) for _ in range(3)] * 2
+    people += [(name, speed) for name in ("bob", "cem") for speed in (1, 2) for _ in range(3)]
+    table = pd.DataFrame(people, columns=["person", "speed"]).assign(label=["felt", "silk"] * 12)
+    table["force_N"] = rng.uniform(1, 5, len(table))
+    rasters = [rng.random((60, 2)) < (0.1 if label == "felt" else 0.5) for label in table["label"]]
+    hdf5.save_spikes(from_rasters(rasters, 1000.0, ("SA-I a", "RA-I a"), table), tmp_path / "people.h5")
+    return tmp_path / "people.h5"
+
+
+@pytest.mark.parametrize(
+    ("splits", "n_test"),
+    [
+        ({"group": "person", "repeats": 3}, None),  # a third of the groups at least, however small a share is asked for
+        ({"group": "person", "folds": 3}, [12, 6, 6]),
+        ({"leave_out_each": ("person", "speed"), "test_where": {"speed": 1}}, [6, 3, 3]),
+        ({"leave_out_each": "person"}, [12, 6, 6]),
+    ],
+)
+def test_the_interval_knows_how_many_trials_each_split_tests_and_leaves(
+    of_people, tmp_path, monkeypatch, splits, n_test
+):
+    trains = hdf5.load_spikes(of_people)
+    tasks = tasks_of(trains.conditions, **splits)
+    own = [split_touches(trains, (), task.split) for task in tasks.values()]
+    tested = [len(split.test) for split in own]
+    assert n_test is None or sorted(tested) == sorted(n_test)
+    aside = [int(aside_of(trains.conditions, task.split).sum()) for task in tasks.values()]
+    monkeypatch.setattr(resumable, "run", trained_with([0.3, 0.5, 0.7]))
+    found = cross_validation.run(of_people, tmp_path / "run", SMALL, tasks)
+    left = 3 * 24 - sum(tested) - sum(aside)
+    assert [*found.accuracy] == pytest.approx([*resampled_interval([0.3, 0.5, 0.7], left, sum(tested))])
+
+
+def test_seeds_that_test_the_same_trials_are_no_further_splits(at_speeds, tmp_path):
+    """They say nothing of other test trials: their interval is that of these."""
+    given = ["--test-where", "speed=450", "--repeats", "3"]
+    said = in_process.typed("train", at_speeds, "-o", tmp_path / "run", *COMMAND.split(), *given).out
+    shares = pd.read_csv(tmp_path / "run" / "splits.csv", comment="#")["accuracy_test"]
+    low, high = 100 * np.mean([wilson_interval(share, 8) for share in shares], axis=0)
+    mean = f"accuracy {100 * shares.mean():.1f} % (95 % interval {low:.1f} to {high:.1f} %)"
+    assert f"{mean} over 3 splits with the same test trials, " in said
+
+
+def test_splits_of_numbers_have_a_score_that_may_be_below_zero(of_people, tmp_path, monkeypatch):
+    monkeypatch.setattr(resumable, "run", trained_with([-0.4, -0.2, -0.3]))
+    task = Task(window=WindowSpec(length_ms=60), target="force_N")
+    spec = RSNNSpec(recipe="default", hidden=0)
+    tasks = cross_validation.tasks_of(task, Splits(folds=3), pd.DataFrame())
+    found = cross_validation.run(of_people, tmp_path / "run", spec, tasks)
+    assert found.accuracy.mean == pytest.approx(-0.3)
+    assert found.accuracy.low < -0.3 < found.accuracy.high
+    said = cross_validation.line(found)
+    assert said.startswith(f"score (1 is perfect) -0.300 (95 % interval {found.accuracy.low:.3f} to ")
+    assert "%" not in said.replace("95 % interval", "")
 
 
 def test_each_pair_is_tested_by_a_network_that_has_seen_neither_value(tmp_path):

@@ -180,6 +180,18 @@ def test_encoding_in_the_sensor_costs_a_decision_nothing():
     assert both.sops == alone.sops == 10.0
 
 
+def test_encoding_in_the_sensor_costs_nothing_in_the_ledger_of_a_study():
+    row = {"dataset": "all", "setting": "all", "pair": "1&1", "hidden": 3, "seed": 0, "window_steps": 10.0,
+           "sops_input": 6.0, "sops_recurrent": 0.0, "sops_readout": 4.0}  # fmt: skip
+    own, how = Afferents(2, SMOOTHED, 2000.0), {"n_classes": 4}
+    results = pd.DataFrame([row])
+    for counts in (True, False):
+        table = ledger.study_ledger(RSNNSpec(), results, None, afferents=[own], encoding=counts, **how)
+        assert table["name"].str.contains("encoding alone").any() == counts
+        spent = ledger.row_cost(RSNNSpec(), row, own, encoding=counts, **how)
+        assert table["energy_estimate_nJ"].iloc[-1] == pytest.approx(spent.energy_estimate_nJ)
+
+
 def test_a_row_of_a_slower_clock_counts_a_step_in_five():
     row = {"hidden": 3, "window_steps": 100.0, "sops_input": 6.0, "sops_recurrent": 0.0, "sops_readout": 4.0}
     sizes = {"afferents": Afferents(2, SMOOTHED, 2000.0), "n_classes": 4, "encoding": False}
@@ -250,6 +262,20 @@ def test_an_integrating_readout_costs_its_operations_alone():
     assert counting.macs - adding.macs == 2 * 8 * 300
     assert counting.acs == adding.acs
     assert adding.parameters == counting.parameters + 8
+
+
+@pytest.mark.parametrize(
+    ("keys", "of_neurons"), [({"hidden": 0}, 0), ({"hidden": 30}, 80), ({"hidden": 30, "direct": True}, 80 - 8 * 3)]
+)
+def test_a_chip_charges_operations_of_afferents_in_the_readout_as_such(keys, of_neurons):
+    """Three spikes arrive; eight readout neurons hear them, or those of hidden neurons, or both."""
+    hidden = keys["hidden"]
+    into_readout = 80 if hidden else 8 * 3
+    measured = {"sops_input": 3 * hidden, "sops_recurrent": 0, "sops_readout": into_readout}
+    spec = RSNNSpec(readout="integrator", model="snn", **keys)
+    found = ledger.network_cost(spec, 16, 8, measured, steps=300, signal_ms=150)
+    assert found.sops_sent == pytest.approx(of_neurons)
+    assert found.sops == 3 * hidden + into_readout
 
 
 def test_a_leak_costs_a_mac_and_a_maximum_a_comparison_more_per_class_and_step():

@@ -11,11 +11,12 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from neurotact.data.splits import Split
 from neurotact.metrics.referee import Way, cheapest_of, may_be_cheapest
 from neurotact.metrics.resampled import Interval
 from neurotact.metrics.shares import standard_error
 from neurotact.metrics.starts import Spread
-from neurotact.report import first_screen, period_choice
+from neurotact.report import first_screen, front, period_choice
 from neurotact.report.answer import Decision, Network, Trials, answer
 from neurotact.report.period_choice import Comparison, Evidence, Places, Sure
 
@@ -297,3 +298,14 @@ def test_twice_the_trials_are_asked_for_at_least_and_more_for_a_wide_interval():
                   EQUAL._replace(lost=Interval(0.02, -0.22, 0.26)))  # fmt: skip
     assert period_choice.trials_needed(wide, SURE) == 360
     assert period_choice.trials_needed(wide._replace(evidence=EQUAL), SURE) == 80
+
+
+def test_splits_of_unequal_sizes_count_as_their_mean(monkeypatch):
+    """Groups that are tested in turn: the first of them may be the largest."""
+    sides = [Split(*map(np.arange, sizes)) for sizes in ((10, 3, 8), (14, 3, 4))]
+    monkeypatch.setattr(front, "task_of", lambda cell: cell)
+    monkeypatch.setattr(front.tasks, "trials_of", lambda trains, cell: sides[cell])
+    run = front._OfRun(None, None, (), None, object())
+    n_train, n_test, trials = run._sizes([0, 1])
+    assert (n_test / n_train, trials) == (12 / 24, 6.0)
+    assert run._replace(trains=None)._sizes([0, 1]) == (1, 1, 1.0)

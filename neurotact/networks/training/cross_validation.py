@@ -2,38 +2,47 @@
 
 import math
 import re
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterable
 from pathlib import Path
 from typing import Any, NamedTuple
 
+import numpy as np
 import pandas as pd
 
 from neurotact import files
-from neurotact.data.splits import Splits, SplitSpec, combination, each_left_out
+from neurotact.data.copies import copies_of
+from neurotact.data.spikes import SpikeTrains
+from neurotact.data.splits import Splits, aside_of, combination, each_left_out
 from neurotact.errors import InputError, some
-from neurotact.metrics.resampled import LEAST_SPLITS, Interval, resampled_interval
+from neurotact.metrics.resampled import LEAST_SPLITS, SHARES, Interval, resampled_interval
 from neurotact.networks.definition.specs import RSNNSpec
 from neurotact.networks.training import resumable
-from neurotact.networks.training.tasks import Task
+from neurotact.networks.training.comparison import percent
+from neurotact.networks.training.numbers import scored
+from neurotact.networks.training.tasks import Task, load_spikes, split_of
 from neurotact.tables import write_table
 
 TABLE = "splits.csv"
 """One row per training, in the parent of their folders."""
 LEFT_OUT = "left_out"
 """Column of that table: the condition that is tested and was not trained."""
+SCORES = (-math.inf, 1.0)
+"""What the mean of scores can be."""
 
 
 class Repeated(NamedTuple):
     """One row per training, and the mean test accuracy with a 95 % interval that considers trials shared by splits.
 
     Where each value of a condition is tested in turn, the interval is of the means at these values: further seeds test
-    the same trials again. Its ends are NaN where there are fewer than `LEAST_SPLITS` of them, or of splits.
-    tested: the conditions whose values are tested in turn.
+    the same trials again. Its ends are NaN where there are fewer than `LEAST_SPLITS` of them, or of splits. Where all
+    test the same trials, it is the mean of theirs.
+    tested: the conditions whose values are tested. of_numbers: whether accuracies are scores.
     """
 
     table: pd.DataFrame
     accuracy: Interval
     tested: tuple[str, ...] = ()
+    of_numbers: bool = False
 
 
 def tasks_of(task: Task, splits: Splits, conditions: pd.DataFrame) -> dict[str, Task]:
@@ -97,7 +106,7 @@ def run(
                 f"{folder}: holds trainings of other splits ({some(strangers)}); give the options that it was begun "
                 "with, or choose another folder"
             )
-        rows, compared, trials = [], {}, []
+        rows, compared = [], []
         for name, task in tasks.items():
             subfolder = folder / name
             resumable.run(spikes, subfolder, network, task, force=force, resume=resume, tell=tell, **options)
@@ -108,19 +117,19 @@ def run(
                 split["fold"] = task.split.fold
             if task.split.test_where:
                 split[LEFT_OUT] = ", ".join(f"{key} = {value}" for key, value in task.split.test_where.items())
-            compared = result["compared"]
-            trials.append(compared["trials"])
-            rows.append({"folder": name, **split, **result["row"], "baseline": compared["baseline_accuracy"]})
+            compared.append(result["compared"])
+            rows.append({"folder": name, **split, **result["row"], "baseline": compared[-1]["baseline_accuracy"]})
         table = pd.DataFrame(rows)
         write_table(table, folder / TABLE)
-    if len(table) == 1:  # no spread over splits: the interval is that of its test trials
-        return Repeated(table, Interval(table["accuracy_test"].item(), compared["low"], compared["high"]))
-    splits = [task.split for task in tasks.values()]
-    share = _share(splits)
-    values = table["accuracy_test"] if not _are_values(table) else _by_value(table)
-    sizes = round(1000 * (1 - share)), round(1000 * share)
-    accuracy = resampled_interval(values.to_numpy(), *sizes, trials=sum(trials) / len(trials))
-    return Repeated(table, accuracy, (*splits[0].test_where,))
+    first, known = next(iter(tasks.values())), pd.DataFrame(compared)
+    if len(table) == 1 or (LEFT_OUT in table and not _are_values(table)):  # no spread over splits
+        accuracy = Interval(*(float(mean) for mean in (table["accuracy_test"].mean(), *known[["low", "high"]].mean())))
+    else:
+        values = table["accuracy_test"] if not _are_values(table) else _by_value(table)
+        within = SCORES if first.numbers else SHARES
+        sizes = _sizes(load_spikes(spikes, first), tasks.values())
+        accuracy = resampled_interval(values.to_numpy(), *sizes, within, known["trials"].mean())
+    return Repeated(table, accuracy, (*first.split.test_where,), bool(first.numbers))
 
 
 def trained_in(folder: Path) -> list[str]:
@@ -128,18 +137,14 @@ def trained_in(folder: Path) -> list[str]:
     return sorted(result.parent.name for result in folder.glob(f"*/{resumable.RESULT}"))
 
 
-def _share(splits: Sequence[SplitSpec]) -> float:
-    """The share of test trials among those that are not left aside, for splits of equally many trials.
-
-    >>> [round(_share([SplitSpec(test_where={"speed": s, "force": f}, leave_aside=True) for s in range(n)
-    ...        for f in range(n)]), 2) for n in (2, 3)], _share([SplitSpec(folds=4)]), _share([SplitSpec()])
-    ([0.5, 0.2], 0.25, 0.15)
-    """
-    first = splits[0]
-    if first.folds:
-        return 1 / first.folds
-    others = [len({repr(split.test_where.get(column)) for split in splits}) - 1 for column in first.test_where]
-    return 1 / (1 + math.prod(others)) if others and min(others) else first.test
+def _sizes(trains: SpikeTrains, splits: Iterable[Task]) -> tuple[int, int]:
+    """Trials outside and inside the test side, sums over splits; those that are left aside are on neither."""
+    copies, n_rest, n_test = copies_of(trains), 0, 0
+    for task in splits:
+        tested = len(copies.distinct(split_of(trains, task).test))
+        used = len(copies.distinct(np.flatnonzero(~aside_of(trains.conditions, task.split))))
+        n_rest, n_test = n_rest + used - tested, n_test + tested
+    return n_rest, n_test
 
 
 def line(repeats: Repeated) -> str:
@@ -149,15 +154,14 @@ def line(repeats: Repeated) -> str:
     >>> line(Repeated(table, Interval(0.9, math.nan, math.nan)))
     'accuracy 90.0 % over 2 splits (too few for an interval: `split=nt.Split(repeats=3)` or more), 150 synaptic operations per window; the best baseline on the same spikes 50.0 %'
     """  # noqa: E501
-    table = repeats.table
+    table, told = repeats.table, scored if repeats.of_numbers else percent
     by_value = ""
     if LEFT_OUT in table:
-        shares = _by_value(table).items()
-        by_value = f"; without {'; '.join(f'{value}: {100 * share:.1f} %' for value, share in shares)}"
+        by_value = f"; without {'; '.join(f'{value}: {told(mean)}' for value, mean in _by_value(table).items())}"
     return (
-        f"accuracy {100 * repeats.accuracy.mean:.1f} % {_over(repeats)}, "
-        f"{table['sops_total'].mean():.0f} synaptic operations per window; "
-        f"the best baseline on the same spikes {100 * table['baseline'].mean():.1f} %{by_value}"
+        f"{'score (1 is perfect)' if repeats.of_numbers else 'accuracy'} {told(repeats.accuracy.mean)} "
+        f"{_over(repeats)}, {table['sops_total'].mean():.0f} synaptic operations per window; "
+        f"the best baseline on the same spikes {told(table['baseline'].mean())}{by_value}"
     )
 
 
@@ -170,6 +174,8 @@ def _over(repeats: Repeated) -> str:
     """
     (_, low, high), n = repeats.accuracy, len(repeats.table)
     over, more = "over 1 split" if n == 1 else f"over {n} splits", f"`split=nt.Split(repeats={LEAST_SPLITS})` or more"
+    if LEFT_OUT in repeats.table and n > 1:
+        over += " with the same test trials"
     if _are_values(repeats.table):
         n_values, tested = repeats.table[LEFT_OUT].nunique(), repeats.tested
         noun = "value" if len(tested) == 1 else combination(tested)
@@ -177,7 +183,8 @@ def _over(repeats: Repeated) -> str:
         over, more = f"over {n_values} {noun}s of {' and '.join(tested)}{each}", f"test {LEAST_SPLITS} {noun}s or more"
     if math.isnan(low):
         return f"{over} (too few for an interval: {more})"
-    return f"(95 % interval {100 * low:.1f} to {100 * high:.1f} %) {over}"
+    ends = f"{low:.3f} to {high:.3f}" if repeats.of_numbers else f"{100 * low:.1f} to {100 * high:.1f} %"
+    return f"(95 % interval {ends}) {over}"
 
 
 def _are_values(table: pd.DataFrame) -> bool:

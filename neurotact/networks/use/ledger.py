@@ -42,11 +42,13 @@ KIND = "afferents"
 """Column of the rows of a study: which afferents made the spikes of the network."""
 AMONG = "among"
 """Column of the rows of a study: whether hidden neurons sent spikes to one another."""
-ABOUT = (
-    "Conditioning and encoding are counted for both populations of every taxel, on every step of the encoder's clock "
-    "(with integration = exact, on every sample, and for every spike), a moving average on every sample of the sensor; "
-    "neurons on every step of the network's clock."
-)
+ABOUT = {
+    "sensor": "Conditioning and encoding are in the sensor and not counted; neurons are, on every step of their clock.",
+    "processor": "Conditioning and encoding are counted for both populations of every taxel, on every step of the "
+    "encoder's clock (with integration = exact, on every sample, and for every spike), a moving average on every "
+    "sample of the sensor; neurons on every step of the network's clock.",
+}
+"""What is counted, by where a study encodes."""
 
 
 class Afferents(NamedTuple):
@@ -132,6 +134,7 @@ def network_cost(
             synapses=out,
             spikes=sent if spec.hidden else arrived,
             beside=(n_afferents, arrived) if spec.hidden and spec.direct else (0, 0.0),
+            sops_sent=into_readout * _share_sent(spec, arrived, sent),
         )
         if spec.integrates
         else SpikingLayer(
@@ -161,6 +164,13 @@ def _spikes_of(spec: RSNNSpec, n_classes: int, measured: Mapping[str, Any]) -> t
         return heard, 0.0
     arrived = measured["sops_input"] / spec.hidden
     return arrived, heard - arrived if spec.direct else heard
+
+
+def _share_sent(spec: RSNNSpec, arrived: float, sent: float) -> float:
+    """The share of the spikes into a readout that are of hidden neurons, and not of afferents."""
+    if not spec.hears_afferents:
+        return 1.0
+    return sent / (arrived + sent) if sent else 0.0
 
 
 def _known(value: Any) -> float | None:
@@ -248,6 +258,7 @@ def study_ledger(
     afferents: Sequence[Afferents],
     n_classes: int,
     prices: PriceList = ARITHMETIC_45NM,
+    encoding: bool = True,
 ) -> pd.DataFrame:
     """The ledger of a study: the baselines, encoding alone, and encoding with each network (means over seeds).
 
@@ -256,6 +267,7 @@ def study_ledger(
     results: a run's `results.csv` with the columns `pair` and `setting`.
     baselines: its `baselines.csv`, whose rows are means over splits and data sets; None: no such rows.
     afferents: of each row of `results`; they may differ where encoders are calibrated for each split.
+    encoding: whether conditioning and encoding count.
     """
     kinds = [digest([*one]) for one in afferents]
     of_kind, results = dict(zip(kinds, afferents, strict=True)), results.assign(**{KIND: kinds})
@@ -266,13 +278,13 @@ def study_ledger(
         for (classifier, source), row in means.iterrows():  # pyright: ignore[reportGeneralTypeIssues]
             counted = row.drop(ACCESSES, errors="ignore").notna().all()
             rows.append((f"{classifier} on {source}", _cost_of(row.to_dict()) if counted else None))
-    for steps in sorted(results["window_steps"].unique()):
+    for steps in sorted(results["window_steps"].unique()) if encoding else ():
         mine = results[results["window_steps"] == steps]
         sent = mine["sops_input"] / mine["hidden"] if "input_spikes" not in mine else mine.apply(input_spikes, axis=1)
         spikes = sent.groupby(mine[KIND], sort=False).agg(["mean", "size"])
         alone = [(of_kind[str(kind)].cost(steps, own["mean"]), own["size"]) for kind, own in spikes.iterrows()]
-        encoding = _mean(alone)
-        rows.append((f"conditioning and encoding alone, {encoding.signal_ms:g} ms", encoding))
+        both = _mean(alone)
+        rows.append((f"conditioning and encoding alone, {both.signal_ms:g} ms", both))
     by = [*columns_of_network(results), *([MODEL] if MODEL in results else [])]
     counted = [is_row_counted(spec, row) for row in results.to_dict("records")]
     if not all(counted):
@@ -289,7 +301,8 @@ def study_ledger(
         first, spent = parts.iloc[0], []
         for row in parts.to_dict("records"):
             made_by = of_kind[row[KIND]]
-            one = row_cost(spec, row, made_by, n_classes=n_classes, event_driven=prices.event_driven)
+            how = {"encoding": encoding, "event_driven": prices.event_driven}
+            one = row_cost(spec, row, made_by, n_classes=n_classes, **how)
             spent.append((one, row["seeds"]))
         size = in_words_of_size(first, first.get(OWN_KEYS))
         rows.append((f"spiking: {first['setting']}, t_ref {first['pair']} ms, {size}", _mean(spent)))

@@ -17,12 +17,15 @@ from neurotact.data.windows import WindowSpec
 from neurotact.encoders.closed_form import cost_of_spikes
 from neurotact.encoders.cost import encoding_cost
 from neurotact.errors import InputError
+from neurotact.metrics import synops
+from neurotact.metrics.prices import price_list
 from neurotact.networks.definition.recipe import Seen
 from neurotact.networks.definition.seeds import of_start
 from neurotact.networks.definition.specs import RSNNSpec
 from neurotact.networks.exit.rule import FULL_WINDOW
 from neurotact.networks.training import ensemble, trainer
-from neurotact.networks.use.ledger import network_cost
+from neurotact.networks.use import measuring
+from neurotact.networks.use.ledger import decision_ledger, network_cost
 from neurotact.spec import build
 
 WAYS = {
@@ -175,6 +178,25 @@ def test_pruning_changes_no_spike_that_comes_in_and_counts_what_remains(rows):
         assert rows[way]["input_spikes"] == rows[NOTHING]["input_spikes"]
         assert 0 < rows[way]["sops_input"] < rows[NOTHING]["sops_input"]
     assert rows["pruning, trained on"]["sops_total"] != rows["pruning"]["sops_total"]
+
+
+def test_a_pruned_network_pays_for_the_memory_of_what_is_left():
+    """As its run folder does (`neurotact sops`)."""
+    table = {"data": {"set": "gratings", "sets": SETS}, "ways": {}, "network": NETWORK}
+    parameters, known = build(Parameters, table, source="test"), {}
+    bench = bench_of(parameters.data, parameters.network, 0, ways_to_save.load(parameters.data))
+    setting, prices = Setting(sparsity=0.75), price_list("memory-45nm")
+    row = measured(bench, setting, known, prices)
+    network, trains, sides, *_ = known[setting.first_training()]
+    found = network.infer(sides.test.spikes)
+    labels = found.labels.numpy()
+    counted = [part.numpy() for part in (found.steps, found.input_spikes, found.hidden_spikes)]
+    means = synops.summary(synops.table_of(measuring.synops_of(found, network), labels, labels, *counted))
+    sizes = network.n_inputs, network.n_classes, trains.sampling_rate_Hz
+    made_by = {"encoder": trains.encoder, "recorded_Hz": trains.recorded_Hz, "synapses": network.synapses}
+    spent = decision_ledger(network.spec, *sizes, means, prices=prices, **made_by).set_index("name").loc["both"]
+    assert row["weights_bytes"] == pytest.approx(spent["weights_bytes"])
+    assert row["energy_estimate_nJ"] == pytest.approx(spent["energy_estimate_nJ"])
 
 
 def test_early_exit_is_used_where_validation_bounds_its_loss_alone(monkeypatch):

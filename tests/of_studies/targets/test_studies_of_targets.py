@@ -259,6 +259,16 @@ def test_networks_and_rivals_are_compared_by_one_score(numbers):
     assert rows["accuracy_test"].to_numpy() == pytest.approx((1 - squares).to_numpy(), abs=1e-5)
 
 
+def test_the_error_of_a_rival_is_over_all_windows_of_unequal_folds(numbers):
+    """As that of a network is; a mean over folds would count the windows of a small one for more."""
+    rows = pd.read_csv(numbers.folder / "baselines.csv").iloc[[0, 0]].reset_index(drop=True)
+    rows = rows.assign(n_test=[2, 10], rmse_force_N=[1.0, 3.0])
+    trials = pd.DataFrame({"baseline": [0, 0], "side": ["validation", "test"], "trial": [0, 1], "right": [0.5, 0.5]})
+    tables = {"baselines": rows, "baselines_trials": trials}
+    (rival,) = rivals_of(tables, numbers.study, ["force_N"])
+    assert rival.found["rmse_force_N"] == pytest.approx(((2 * 1 + 10 * 9) / 12) ** 0.5)
+
+
 # What it trains on
 
 
@@ -457,7 +467,7 @@ def test_a_linear_machine_stands_for_that_of_votes(events, place, monkeypatch):
     fitted = best_of(rivals.LINEAR_SVM, Sides(x, x, x, y, y, y), 0)
     told = values_of(fitted.fitted, x, 2)
     assert (told.argmax(axis=1) == y).all()
-    assert fitted.layers == (Dense(1, 2),)
+    assert fitted.layers == (Dense(1, 1),)  # whose sign tells both
 
 
 @pytest.mark.parametrize("kind", ["numbers", "events"])
