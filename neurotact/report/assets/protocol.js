@@ -99,7 +99,7 @@ function frontTrace() {
 /* Entries of the legend alone, of a picture that names points. */
 function keyTraces() {
   const entry = (name, colour, size) => ({ type: "scatter", mode: "markers", name, hoverinfo: "skip", x: [null], y: [null], marker: { color: style(colour), size } });
-  return [entry("named: cheapest setting that keeps the accuracy", "--ink", 10), entry("grey: other settings; zoom out for all", "--soft", 6)];
+  return [entry(`named: ${study.fronts[study.shown.setting].named}`, "--ink", 10), entry("grey: others; zoom out for all", "--soft", 6)];
 }
 
 /* A line at guessing where it leaves the points room. */
