@@ -167,48 +167,54 @@ def _answer(reached: float, table: pd.DataFrame) -> tuple[str, list[str]]:
         return f"No change was tried on {recipe}.", []
     clear = table[np.array(referee.holm(table["p"].tolist())) < referee.LEVEL]
     worse, better = clear[clear["lost"] > 0], clear[clear["lost"] < 0]
-    ends = ", to ".join(dict.fromkeys((_words(table.iloc[0]), _words(table.iloc[-1]))))
-    details = [f"Clearly {how}, after correction for {n}: {', '.join(rows['change'])}."
-               for how, rows in (("worse", worse), ("better", better)) if len(rows)]  # fmt: skip
+    reach = (
+        f"they reach from {_words(table.iloc[0])}, to {_words(table.iloc[-1])}"
+        if len(table) > 1
+        else _words(table.iloc[0])
+    )
+    details = [f"Clearly {how}, after correction for {n}: {', '.join(rows['change']) or 'none'}."
+               for how, rows in (("worse", worse), ("better", better))]  # fmt: skip
     if (seeds := int(table["seeds"].min())) < LEAST_SPLITS:
-        return (
-            f"{fronts.in_seeds(seeds).capitalize()} cannot tell whether a change is better than {recipe}: {ends}.",
-            details,
-        )
-    if len(better):
+        said = f"{fronts.in_seeds(seeds).capitalize()} cannot tell whether a change is better than {recipe}: {reach}."
+    elif len(better):
         said = f"Change {recipe}: {len(better)} of {n} clearly better, most of all {_words(better.iloc[-1])}."
     elif len(worse):
         said = (
             f"Keep {recipe}: {len(worse)} of {n} clearly worse, most of all {_words(worse.iloc[0])}, and none better."
         )
     else:
-        said = f"None of {n} is clearly better or worse than {recipe}: {ends}."
+        said = f"None of {n} is clearly better or worse than {recipe}: {reach}."
     return said, details
 
 
 def _words(change: Any) -> str:
     points = fronts.in_points(Interval(change["lost"], change["low"], change["high"]))
-    return f"'{change['change']}' {'gains' if change['lost'] < 0 else 'loses'} {points}"
+    return f"'{change['change']}', {points} {'gained' if change['lost'] < 0 else 'lost'}"
 
 
 def _listed(whole: pd.DataFrame, table: pd.DataFrame) -> Listed:
-    base = {"change": WHOLE, "points lost": "-", "accuracy_test": whole["accuracy_test"].mean(), "SOPs left": "-"}
+    base = {
+        "change": WHOLE,
+        "points gained": "-",
+        "accuracy_test": whole["accuracy_test"].mean(),
+        "share of SOPs": "100 %",
+    }
     rows = [
-        {"change": one["change"], "points lost": _signed(one), "accuracy_test": one["accuracy_test"],
-         "SOPs left": f"{100 * one['share']:.0f} %"}
+        {"change": one["change"], "points gained": _signed(one), "accuracy_test": one["accuracy_test"],
+         "share of SOPs": f"{100 * one['share']:.0f} %"}
         for one in table.to_dict("records")
     ]  # fmt: skip
     return Listed(
-        "The recipe, and the points of test accuracy that each change loses, with the 95 % interval of that change "
-        "alone; below 0 it is better. SOPs left: of those of the recipe.",
+        "The recipe, and the points of test accuracy that each change gains over it, with the 95 % interval of that "
+        "change alone. SOPs are a share of those of the recipe.",
         pd.DataFrame([base, *rows]),
         [0, *(1 + at for at in _told(table))],
     )
 
 
 def _signed(change: Any) -> str:
-    lost, low, high = (100 * change[name] for name in ("lost", "low", "high"))
-    return f"{lost:.1f}" + ("" if np.isnan(low) else f" ({low:.1f} to {high:.1f})")
+    gained, low, high = (0.0 - 100 * change[name] for name in ("lost", "high", "low"))
+    return f"{gained:+.1f}" + ("" if np.isnan(low) else f" ({low:.1f} to {high:.1f})")
 
 
 def draw(results: pd.DataFrame, arrays: Arrays) -> Iterator[Drawn]:

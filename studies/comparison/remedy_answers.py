@@ -9,6 +9,7 @@ from neurotact_parts.studies.comparison import fronts
 from neurotact_parts.studies.comparison.skipped import of_run
 
 from neurotact.errors import number_of
+from neurotact.figures.columns import quantity
 from neurotact.figures.style import INK, MUTED, Drawn, add_legend, new_panels, printed
 from neurotact.metrics.paired import p_in_words
 from neurotact.metrics.resampled import sizes_of
@@ -97,9 +98,8 @@ def _headline(network: pd.DataFrame, rival: pd.Series | None, results: pd.DataFr
     verdict = "Remedies gain accuracy" if found.difference > 0 else "Remedies cost accuracy"
     sure = "" if pd.notna(interval.low) else f" ({number_of(found.n, 'test trial')}, {p_in_words(found.p)})"
     one, more = network.loc[DEFAULT], "more" if interval.mean >= 0 else "less"
-    where = (
-        "" if pd.isna(one["accuracy_seen"]) else " at untrained values" if len(splits) > 1 else " at an untrained value"
-    )
+    values = "an untrained value" if len(splits) == 1 else "untrained values"
+    where = "" if pd.isna(one["accuracy_seen"]) else f" at {values} of {quantity(str(rows['condition'].iloc[0]))[0]}"
     said = [
         f"{verdict if found.is_clear else 'No clear gain by remedies'}: {DEFAULT} has {_percent(one['accuracy_test'])}"
         f"{where}, {fronts.in_points(interval)} {more} than {NOTHING}{sure}"

@@ -158,17 +158,17 @@ def within(lost):
     [
         (
             VALUES,
-            f"Change the recipe (80.0 %): 1 of 5 changes clearly better, most of all 'better' gains {within(-0.1)}.",
+            f"Change the recipe (80.0 %): 1 of 5 changes clearly better, most of all 'better', {within(-0.1)} gained.",
         ),
         (
             {name: VALUES[name] for name in (WHOLE, "little", "much", "most")},
-            f"Keep the recipe (80.0 %): 2 of 3 changes clearly worse, most of all 'most' loses {within(0.4)}, and none "
+            f"Keep the recipe (80.0 %): 2 of 3 changes clearly worse, most of all 'most', {within(0.4)} lost, and none "
             "better.",
         ),
         (
             {name: VALUES[name][:2] for name in (WHOLE, "much", "better")},
-            "2 seeds cannot tell whether a change is better than the recipe (80.0 %): 'much' loses 30.0 points, to "
-            "'better' gains 10.0 points.",
+            "2 seeds cannot tell whether a change is better than the recipe (80.0 %): they reach from 'much', "
+            "30.0 points lost, to 'better', 10.0 points gained.",
         ),
     ],
 )
@@ -179,10 +179,11 @@ def test_one_sentence_says_whether_to_keep_the_recipe(changes_of, said):
 def test_without_a_clear_change_both_ends_are_told():
     found = named(table({WHOLE: [0.8, 0.8, 0.8], "a": [0.7, 0.8, 0.9], "b": [0.7, 0.8, 0.8]}))["made"]
     assert found.headline.startswith(
-        "None of 2 changes is clearly better or worse than the recipe (80.0 %): 'b' loses 3.3 points (95 % interval -"
+        "None of 2 changes is clearly better or worse than the recipe (80.0 %): they reach from 'b', 3.3 points (95 % "
+        "interval -"
     )
-    assert "), to 'a' loses 0.0 points (95 % interval -" in found.headline
-    assert found.details == []
+    assert ") lost, to 'a', 0.0 points (95 % interval -" in found.headline
+    assert found.details == [f"Clearly {how}, after correction for 2 changes: none." for how in ("worse", "better")]
 
 
 def test_what_the_picture_names_stands_in_the_first_rows_of_the_table():
@@ -190,8 +191,8 @@ def test_what_the_picture_names_stands_in_the_first_rows_of_the_table():
     ((listed,),) = tables(rows).values()
     first = listed.rows.iloc[listed.first]
     assert first["change"].tolist() == [WHOLE, "most", "much", "more", "better"]
-    assert first["points lost"].str.partition(" ")[0].tolist() == ["-", "40.0", "30.0", "10.0", "-10.0"]
-    assert first["SOPs left"].tolist() == ["-", *["25 %"] * 4]
+    assert first["points gained"].str.partition(" ")[0].tolist() == ["-", "-40.0", "-30.0", "-10.0", "+10.0"]
+    assert first["share of SOPs"].tolist() == ["100 %", *["25 %"] * 4]
     found = named(rows)["made"]
     names = {name: said for (name,), said in found.labels["sops_total"].items() if said}
     assert [*names] == [WHOLE, "most", "much", "more", "better"]

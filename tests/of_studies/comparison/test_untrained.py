@@ -250,9 +250,9 @@ def test_a_single_value_has_no_ends():
 def test_one_sentence_says_whether_the_default_gains_and_what_is_left():
     (found,) = untrained.named(table(FOUND)).values()
     assert found.headline == (
-        "Remedies gain accuracy: the default has 80.0 % at untrained values, 35.0 points more than nothing (100 test "
-        "trials, p < 0.001); SVM on spikes has 90.0 % with the same remedies for 91 % of the network's energy; trained "
-        "on such trials, too, the network has 90.0 %."
+        "Remedies gain accuracy: the default has 80.0 % at untrained values of speed, 35.0 points more than nothing "
+        "(100 test trials, p < 0.001); SVM on spikes has 90.0 % with the same remedies for 91 % of the network's "
+        "energy; trained on such trials, too, the network has 90.0 %."
     )
     assert found.details == [
         "With nothing the network has 45.0 % at untrained values and 90.0 % at trained ones (45.0 points are lost).",
