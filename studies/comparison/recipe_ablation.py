@@ -177,14 +177,18 @@ def _answer(reached: float, table: pd.DataFrame) -> tuple[str, list[str]]:
     if (seeds := int(table["seeds"].min())) < LEAST_SPLITS:
         said = f"{fronts.in_seeds(seeds).capitalize()} cannot tell whether a change is better than {recipe}: {reach}."
     elif len(better):
-        said = f"Change {recipe}: {len(better)} of {n} clearly better, most of all {_words(better.iloc[-1])}."
+        said = f"Change {recipe}: {_most(better[::-1], n, 'better')}."
     elif len(worse):
-        said = (
-            f"Keep {recipe}: {len(worse)} of {n} clearly worse, most of all {_words(worse.iloc[0])}, and none better."
-        )
+        said = f"Keep {recipe}: {_most(worse, n, 'worse')}, and none is clearly better."
     else:
         said = f"None of {n} is clearly better or worse than {recipe}: {reach}."
     return said, details
+
+
+def _most(clear: pd.DataFrame, n: str, how: str) -> str:
+    """How many changes are clear, and the first of them."""
+    are, first = ("is", ":") if len(clear) == 1 else ("are", ", most of all")
+    return f"{len(clear)} of {n} {are} clearly {how}{first} {_words(clear.iloc[0])}"
 
 
 def _words(change: Any) -> str:

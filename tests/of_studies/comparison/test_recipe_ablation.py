@@ -158,12 +158,12 @@ def within(lost):
     [
         (
             VALUES,
-            f"Change the recipe (80.0 %): 1 of 5 changes clearly better, most of all 'better', {within(-0.1)} gained.",
+            f"Change the recipe (80.0 %): 1 of 5 changes is clearly better: 'better', {within(-0.1)} gained.",
         ),
         (
             {name: VALUES[name] for name in (WHOLE, "little", "much", "most")},
-            f"Keep the recipe (80.0 %): 2 of 3 changes clearly worse, most of all 'most', {within(0.4)} lost, and none "
-            "better.",
+            f"Keep the recipe (80.0 %): 2 of 3 changes are clearly worse, most of all 'most', {within(0.4)} lost, and "
+            "none is clearly better.",
         ),
         (
             {name: VALUES[name][:2] for name in (WHOLE, "much", "better")},
