@@ -101,9 +101,11 @@ def _print_answer(folder: Path, as_json: bool) -> None:
         return
     for caution in answer["cautions"]:
         say(caution)
-    for table in answer.get("tables", []):
+    tables = reversed(answer.get("tables", []))
+    for table in reversed({table.get("setting"): table for table in tables}.values()):  # the first of each answer
         print(table["caption"])
-        print_table(pd.DataFrame(table["rows"], columns=table["columns"]), least_width=WIDE)
+        rows = [table["rows"][row] for row in table["named"]]
+        print_table(pd.DataFrame(rows, columns=table["columns"]), least_width=WIDE)
     if answer["answers"]:
         print(f"tables and figures in {folder}; the whole answer, with each number's meaning, in a browser:")
     print(answer["report"])
@@ -125,7 +127,7 @@ def _told(one: Mapping[str, Any], before: str) -> Iterator[str]:
         yield f"{before}{as_typed(then['words'])}"
         yield from (f"  {command}" for command in then["commands"])
     if not one.get("short"):
-        yield from map(as_typed, (f"{before}{one['headline']}", *one["details"]))
+        yield as_typed(f"{before}{one['headline']}")
         return
     untold = f"{one['untold']}. " if one.get("untold") else ""
     yield as_typed(f"{before}{untold}{one['short']}.")

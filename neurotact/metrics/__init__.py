@@ -15,7 +15,7 @@ Other rooms take:
     prices: ACCESSES, ARITHMETIC_45NM, DEFAULT, MEMORY_45NM, NEURONS, PRICED, PriceList, Priced, WIDE, names,
         price_list
     referee: GAP, Verdict, Way, best_of, cheapest_of, holm, is_gap, judge, least_difference, level_with_best,
-        may_be_cheapest, within_error
+        may_be_cheapest
     resampled: DIFFERENCES, Interval, LEAST_SPLITS, SHARES, compare_over_splits, least_difference_over_splits,
         resampled_error, resampled_interval, resampled_p, sizes_of
     savings: Savings, savings, worse_than_another

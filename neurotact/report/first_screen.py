@@ -258,6 +258,6 @@ def table_of_configurations(outcome: WayAnswer) -> Table:
     setting = f", {outcome.setting}" if outcome.setting else ""
     chosen = ", chosen on validation rows" if outcome.is_validated else ""
     caption = f"The best of each kind{setting}{chosen}: {what}."
-    first = outcome.shown.index, outcome.cheapest.index
+    first = [one.index for one in (outcome.shown, outcome.beside, outcome.cheapest) if one is not None]
     order = sorted(range(len(rows)), key=lambda row: row < len(shown) and shown[row].index not in first)
     return Table(caption, ["configuration", measure.score, measure.cost, *spent], rows, 1, order)

@@ -140,7 +140,7 @@ def write(
     fronts = list(front.fronts(study, folder, done, results.join(spent), trains, afferents, beside))
     cautions = front.beware(study, folder, done, fronts, trains)
     among = plugins.load_function("tools", "among_encoders")(study, fronts, results.join(spent), beside)
-    shared = {"among": among.words, "tables": [among.table._asdict()]} if among and among.table else {}
+    shared = {"among": among.words, "tables": [among.table.as_json()]} if among and among.table else {}
     places = {str(file): store.RECORDINGS for file in [study.dataset.recordings] if file}
     places[str(folder.absolute())] = store.STUDY
     write_json(folder / ANSWER, _answers_as_json(fronts, cautions, places) | shared)

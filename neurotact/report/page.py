@@ -34,7 +34,6 @@ NETWORKS = ("marks.js", "plotly.js", "state.js", "cell.js", "trade_off.js", "com
 PROTOCOL = ("marks.js", "plotly.js", "state.js", "table.js", "protocol.js")
 
 
-_END = re.compile(r"(?<=[;.]) ")
 _SETTINGS = re.compile(r"`settings=(\{[^`]*\})`")
 # \x60 is the backquote: in one, a pattern would be read as the name of a parameter.
 _SPEC = re.compile(r"\x60\w+=nt\.\w+\((\w+)=(\w+)\)\x60")
@@ -50,14 +49,23 @@ class Table(NamedTuple):
     named: Sequence[int] = ()
 
     @property
-    def few(self) -> "Table":
+    def first(self) -> list[int]:
         """At most five rows, in their order: of `named` the first ones, or without it from both ends.
 
-        >>> Table("", [], [[str(row)] for row in range(9)]).few.rows, Table("", [], [["a"], ["b"]], named=[1]).few.rows
-        ([['0'], ['1'], ['2'], ['3'], ['8']], [['b']])
+        >>> Table("", [], [[str(row)] for row in range(9)]).first, Table("", [], [["a"], ["b"]], named=[1]).first
+        ([0, 1, 2, 3, 8], [1])
         """
         order = self.named or sorted(range(len(self.rows)), key=lambda row: row % (len(self.rows) - 1 or 1))
-        return self._replace(rows=[self.rows[row] for row in sorted([*dict.fromkeys(order)][:5])])
+        return sorted([*dict.fromkeys(order)][:5])
+
+    @property
+    def few(self) -> "Table":
+        """The table with these rows alone."""
+        return self._replace(rows=[self.rows[row] for row in self.first])
+
+    def as_json(self) -> dict[str, Any]:
+        """For programs, with all rows; `named` are those that are shown first."""
+        return self._replace(named=self.first)._asdict()
 
 
 class Figure(NamedTuple):
@@ -178,19 +186,6 @@ def if_there(path: Path) -> dict[str, Any]:
     return read_json(path) if path.is_file() else {}
 
 
-def parted(sentences: str) -> tuple[str, str]:
-    """The first statement of an answer, and the rest of it, as sentences. A name such as `sa1-ra1-lif` stays as it is.
-
-    >>> parted("gratings: it saves too little; a network has 100 %. It is cheap.")
-    ('gratings: it saves too little.', 'A network has 100 %. It is cheap.')
-    >>> parted("It is even.")
-    ('It is even.', '')
-    """
-    first, _, rest = _END.sub("\n", sentences, count=1).partition("\n")
-    is_word = re.match(r"[a-z]+( |,)", rest)
-    return re.sub(";$", ".", first), rest[0].upper() + rest[1:] if is_word else rest
-
-
 def typed(text: str, option: str) -> str:
     """A message whose settings and specs are as they are typed in a shell, and whose percent signs stay with numbers.
 
@@ -261,7 +256,7 @@ def _template(name: str):
         trim_blocks=True,
         lstrip_blocks=True,
     )
-    environment.filters |= {"typed": typed, "parted": parted}
+    environment.filters["typed"] = typed
     return environment.get_template(name)
 
 

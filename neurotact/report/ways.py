@@ -69,41 +69,37 @@ def write(study: WayStudy, folder: Path) -> Path:
         specs={"Parameters": to_toml(parameters), "Data": to_toml(study.parameters.get("data", {}))},
         seeds=study.sweep.get("seed", [study.parameters.get("seed", 0)]),
         data=page.if_there(folder / "data.json"),
-        answers=sorted(told.answers, key=lambda said: bool(page.parted(said)[1])),  # those of one sentence first
         cautions=told.cautions,
         **shown,
     )
 
 
 class _Told(NamedTuple):
-    """What a way says of a run in words: sentences, what makes them worth little, and tables by their setting."""
+    """What a way says of a run in words: answers by their setting, what makes them worth little, and their tables."""
 
-    answers: list[str]
     named: Mapping[str, Named]
     cautions: list[str]
     tables: dict[str, list[Table]]
 
     def as_json(self, fronts: Sequence[Front]) -> dict[str, Any]:
         """The first screen for programs: the sentences of the way where it has its own, else those of the fronts."""
-        tables = self.tables if self.answers or self.named else {front.setting: front.tables for front in fronts}
+        tables = self.tables if self.named else {front.setting: front.tables for front in fronts}
         return {
-            "answers": [{"dataset": "", "headline": said, "details": []} for said in self.answers]
-            or [
+            "answers": [
                 {"dataset": name, "headline": one.headline, "details": [*one.details]}
                 for name, one in self.named.items()
             ]
             or [front.in_words() for front in fronts],
-            "tables": [table._asdict() | {"setting": name} for name, several in tables.items() for table in several],
+            "tables": [table.as_json() | {"setting": name} for name, several in tables.items() for table in several],
             "cautions": self.cautions,
         }
 
 
 def _told(study: WayStudy, results: pd.DataFrame) -> _Told:
     module = module_of(study.way)
-    answers, named, cautions, tables = (optional(module, name) for name in ("answers", "named", "cautions", "tables"))
+    named, cautions, tables = (optional(module, name) for name in ("named", "cautions", "tables"))
     first_look = [FIRST_LOOK] if study.first_look else []
     return _Told(
-        answers(results) if answers else [],
         named(results) if named else {},
         first_look + (cautions(results) if cautions else []),
         {name: [_listed(one, module.VIEW) for one in several] for name, several in tables(results).items()}
@@ -159,17 +155,18 @@ def seen(
         "score": view.measures[view.score],
         "heads": [*map(words, view.by), *view.measures.values()],
         "rows": _rows(means, view),
-        "page": page.parts(_page_data(means, view, named) | {"fronts": _drawn(answers)}, page.PROTOCOL),
+        "page": page.parts(_page_data(means, view, named) | {"fronts": _drawn(answers, named)}, page.PROTOCOL),
     }
 
 
-def _drawn(answers: Sequence[WayAnswer]) -> dict[str, Any]:
-    """What the page draws of each answer: its best and cheapest point, and guessing in the unit of the axis."""
+def _drawn(answers: Sequence[WayAnswer], named: Mapping[str, Named]) -> dict[str, Any]:
+    """What the page draws of each answer: best and cheapest point, guessing in the unit of the axis, what has names."""
     return {
         one.setting: {
             "best": one.best.index,
             "cheapest": one.cheapest.index,
             "chance": _number(scale(one.measure.score) * one.guess),
+            "named": named[one.setting].what if one.setting in named else "",
         }
         for one in answers
     }

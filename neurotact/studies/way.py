@@ -113,24 +113,25 @@ class Named(NamedTuple):
 
     headline: one sentence. details: all others, which are folded. labels: for each column of a cost, the first shown
     first, the names of configurations by their values of `View.by` without `View.apart`; empty where the point has no
-    name, and missing where it is not drawn.
+    name, and missing where it is not drawn. what: has a name, in the words of the picture's legend.
     """
 
     headline: str
     details: Sequence[str] = ()
     labels: Mapping[str, Mapping[tuple[str, ...], str]] = {}
+    what: str = "what the sentence and the table name"
 
 
 class _Way(Protocol):
     """The contents of the module of a way.
 
     Parameters: everything that decides a cell's numbers; its field `data` decides the arrays that cells share.
-    Five functions are optional (`optional`):
-    `answers(results) -> list[str]`: sentences at the top of the report, which the command also prints.
-    `named(results) -> dict[str, Named]`: in place of these, the answer of each setting with the names in its picture.
+    Four functions are optional (`optional`):
+    `named(results) -> dict[str, Named]`: the answer of each setting (`View.apart`, in words), which the command also
+    prints, with the names in its picture; without it the report says how the rows of `View.spiking` compare.
     `cautions(results) -> list[str]`: what limits these answers, each with its remedy.
-    `tables(results) -> dict[str, Sequence[Listed]]`: tables for each answer by its setting (`View.apart`, in words),
-    which replace the table of the best of each kind and are printed.
+    `tables(results) -> dict[str, Sequence[Listed]]`: tables for each answer by its setting, which replace the table of
+    the best of each kind and are printed.
     `own(path, given) -> Own`: the changes for a file that `data` names; without it `data` is refused. path:
     absolute, of a file that exists. given: the dotted keys that are set, including `[with_data]` of the study file. It
     raises InputError if the file or a key is wrong.
@@ -152,7 +153,7 @@ class _Way(Protocol):
         ...
 
 
-def optional(module: _Way, name: Literal["answers", "named", "cautions", "tables", "own"]) -> Callable[..., Any] | None:
+def optional(module: _Way, name: Literal["named", "cautions", "tables", "own"]) -> Callable[..., Any] | None:
     """An optional function of a way; None if it lacks it."""
     return getattr(module, name, None)
 

@@ -26,6 +26,7 @@ from neurotact.metrics.resampled import (
 from neurotact.metrics.savings import Savings, savings, worse_than_another
 from neurotact.metrics.shares import standard_error, wilson_interval
 from neurotact.networks.training.cautions import FEW_PER_CLASS
+from neurotact.report.wording import count
 from neurotact.studies.way import Listed
 
 NOTHING = "nothing saved"
@@ -144,7 +145,7 @@ class Compared(NamedTuple):
         settings = [_saved(part, base, cost) for part in (base, *others)]
         ways, tested = [_way(one.rows, one.share) for one in settings], [_by_seed(one.rows) for one in settings]
         sizes = sizes_of(rows)
-        worse = worse_than_another(ways, lambda one, other: _compared(tested[one], tested[other], sizes))
+        worse = worse_than_another(ways, lambda one, other: compared(tested[one], tested[other], sizes))
         return Compared(settings, ways, worse)
 
     def savings(self, of: Callable[[Saved], bool] | None = None) -> Savings:
@@ -153,8 +154,8 @@ class Compared(NamedTuple):
         return savings(self.ways, [_tested(one.rows) for one in self.settings], self.worse, among)
 
 
-def _compared(one: pd.Series, other: pd.Series, sizes: tuple[int, int, float]) -> Paired:
-    """One setting minus another on test windows, seed by seed."""
+def compared(one: pd.Series, other: pd.Series, sizes: tuple[int, int, float]) -> Paired:
+    """One setting minus another on test windows, split by split; both by split. sizes: of `sizes_of`."""
     gained = (one - other).dropna().to_numpy()
     if len(gained) >= LEAST_SPLITS:
         return compare_over_splits(gained, *sizes)
@@ -571,12 +572,27 @@ def _period(way: str, setting: str) -> str:
 
 def _points(lost: np.ndarray, rows: pd.DataFrame) -> str:
     """Points of accuracy that are lost or gained, with the interval of this loss or gain, or its number of seeds."""
-    mean, low, high = interval_of(lost, rows)
-    text = f"{100 * abs(mean):.1f} points"
-    if np.isnan(low):
-        return f"{text} ({in_seeds(len(lost))})"
-    ends = sorted((100 if mean >= 0 else -100) * end for end in (low, high))
-    return f"{text} (95 % interval {ends[0]:.1f} to {ends[1]:.1f})"
+    interval = interval_of(lost, rows)
+    return in_points(interval) + (f" ({in_seeds(len(lost))})" if np.isnan(interval.low) else "")
+
+
+def in_points(change: Interval) -> str:
+    """How many points a loss or gain of accuracy is, with its interval if it has one.
+
+    >>> in_points(Interval(-0.1, -0.13, -0.02)), in_points(Interval(0.1, np.nan, np.nan))
+    ('10.0 points (95 % interval 2.0 to 13.0)', '10.0 points')
+    """
+    mean, *ends = (100 * (1 if change.mean >= 0 else -1) * value for value in change)
+    low, high = sorted(ends)
+    return f"{mean:.1f} points" + ("" if np.isnan(low) else f" (95 % interval {low:.1f} to {high:.1f})")
+
+
+def times(ratio: float) -> str:
+    """
+    >>> times(18.2), times(0.0812)
+    ('18 times', '8.1 % of')
+    """
+    return f"{count(ratio, 2)} times" if ratio >= 1 else f"{count(100 * ratio, 2)} % of"
 
 
 def in_seeds(n: int) -> str:

@@ -23,18 +23,16 @@ from neurotact.baselines.opponents import LINEAR, Input
 from neurotact.data.recordings import Recordings
 from neurotact.data.spikes import SpikeTrains
 from neurotact.figures.style import INK, MUTED, Drawn, add_legend, new_panels, printed
-from neurotact.metrics import referee
 from neurotact.metrics.flops import LEDGER_COLUMNS
 from neurotact.metrics.fronts import pareto_front
 from neurotact.metrics.prices import ARITHMETIC_45NM
 from neurotact.metrics.resampled import LEAST_SPLITS, SHARES, Interval
 from neurotact.networks.definition.specs import RSNNSpec
-from neurotact.report import way_answer
+from neurotact.report import sentences, way_answer
 from neurotact.report.way_answer import Configuration, WayAnswer
 from neurotact.report.ways import over_rows
-from neurotact.report.wording import count
 from neurotact.spec import Spec
-from neurotact.studies.way import Arrays, Listed, View, heads
+from neurotact.studies.way import Arrays, Listed, Named, View, heads
 
 MODELS: dict[str, Literal["rsnn", "snn"]] = {"RSNN": "rsnn", "SNN": "snn"}
 COLUMNS = 3
@@ -121,17 +119,17 @@ def points(results: pd.DataFrame) -> pd.DataFrame:
     return pd.DataFrame(rows)
 
 
-def answers(results: pd.DataFrame) -> list[str]:
-    """The verdict of the referee for each set and split, with what the network and its rival cost."""
+def named(results: pd.DataFrame) -> dict[str, Named]:
+    """Of each set and split whether spiking is worth it, with the network and its rivals named in the picture."""
     shown = of_run(results)
     if shown.empty:
-        return []
+        return {}
     found = way_answer.answers(over_rows(shown, VIEW), VIEW, shown)
-    groups = shown.groupby(list(VIEW.apart), sort=False)
-    said = [_answer(one, *key, rows) for one, (key, rows) in zip(found, groups, strict=True)]  # pyright: ignore
-    priced = rivals.ratios(results, VIEW)
-    turns = [rivals.turns(priced[priced["setting"] == one.setting]) for one in found]
-    return [" ".join(filter(None, pair)) for pair in zip(said, turns, strict=True)]
+    groups, priced = shown.groupby([*VIEW.apart], sort=False), rivals.ratios(results, VIEW)
+    return {
+        one.setting: _named(one, rows, rivals.turns(priced[priced["setting"] == one.setting]))
+        for one, (_, rows) in zip(found, groups, strict=True)
+    }
 
 
 def tables(results: pd.DataFrame) -> dict[str, tuple[Listed, ...]]:
@@ -139,43 +137,46 @@ def tables(results: pd.DataFrame) -> dict[str, tuple[Listed, ...]]:
     return rivals.tables(results, VIEW)
 
 
-def _answer(found: WayAnswer, name: str, split: str, rows: pd.DataFrame) -> str:
-    network, best = found.spiking, found.baseline
-    assert network is not None
-    assert best is not None
-    is_known = not np.isnan(best.choice_error)  # of one or two seeds it is not, so that nothing is said of it
-    near = [found.others[index] for index in referee.within_error([one.way for one in found.others])]
-    on_signals = [one for one in near if f"{opponents.SPIKES}: " not in one.name]
-    counted = [one for one in on_signals if not np.isnan(one.cost)]
-    cheapest = min(counted, key=lambda one: one.cost, default=None) if is_known else None
+def _named(found: WayAnswer, rows: pd.DataFrame, turns: str) -> Named:
+    told = {one.index: one for one in (found.shown, found.beside, found.cheapest) if one is not None}
+    names = {tuple(one.name.split(", ", 1)): f"{one.name} {_percent(one)}" for one in told.values()}
+    keys = rows[["classifier", "input"]].drop_duplicates().itertuples(index=False, name=None)
+    labels = {key: names.get(key, "") for key in keys}
+    details = [f"{'; '.join(map(_words, told.values()))}{fronts.afferents_in_words(rows)}."]
+    if len(found.rivals) > 1 and not np.isnan(found.error):  # of one or two seeds it is not known
+        details.append(f"Validation cannot tell {len(found.rivals)} rivals apart.")
+    said = "the network, its rival and the cheapest within the error of the best"
+    return Named(
+        _headline(found), [*details, *filter(None, [turns])], dict.fromkeys((VIEW.cost, "signal_ms"), labels), said
+    )
+
+
+def _headline(found: WayAnswer) -> str:
+    """The verdict, the points and the energy beside the rival that it rests on, and the cheapest that is as good."""
+    network, rival, cheapest = found.shown, found.beside, found.cheapest
+    assert rival is not None
+    verdict = sentences.verdict(found)
     if found.verdict is None or network.rows < LEAST_SPLITS:
-        rival, said = best, f"{fronts.in_seeds(network.rows)}, so that no difference is clear"
-    else:
-        rival, said = found.rivals[found.verdict.decisive], SAID[found.verdict.kind]
-    gained, low, high = (100 * end for end in _gained(network, rival))
-    within = "" if np.isnan(low) else f", 95 % interval {low:.1f} to {high:.1f}"
-    verb = "more" if gained >= 0 else "fewer"
-    level = (
-        f", one of {len(found.rivals)} that validation cannot tell apart" if is_known and len(found.rivals) > 1 else ""
-    )
-    energy = "" if np.isnan(rival.cost) else f", at {count(100 * network.cost / rival.cost)} % of its energy"
-    sentence = (
-        f"{name}, split by {split}: {said}. {_words(network)}{fronts.afferents_in_words(rows)}; {_words(rival)}{level}"
-        f": the network has {abs(gained):.1f} points {verb}{within}{energy}."
-    )
-    if cheapest is None or cheapest is rival:
-        return sentence
-    share = f"{count(100 * cheapest.cost / network.cost)} % of the network's energy"
-    return f"{sentence} The cheapest within the error of the best, {_words(cheapest)}, takes {share}."
+        verdict = f"{fronts.in_seeds(network.rows).capitalize()} cannot tell whether spiking is worth it"
+    gained = _gained(network, rival)
+    points = f"{fronts.in_points(gained)} {'more' if gained.mean >= 0 else 'less'} than {rival.name}"
+    energy = "" if np.isnan(rival.cost) else f", for {fronts.times(network.cost / rival.cost)} its energy"
+    said = f"{verdict}: {network.kind} has {_percent(network)}, {points}{energy}"
+    if np.isnan(found.error) or cheapest is rival:  # of one or two seeds there is no error
+        return f"{said}."
+    if cheapest is network:
+        return f"{said}, and nothing within the error of the best takes less."
+    less = fronts.times(cheapest.cost / network.cost)
+    return f"{said}; {cheapest.name} has {_percent(cheapest)} for {less} that of {network.kind}."
 
 
-SAID = {"better": "spiking is more accurate", "worse": "spiking costs accuracy", "tie": "no clear difference"}
+def _percent(one: Configuration) -> str:
+    return f"{100 * one.accuracy:.1f} %"
 
 
 def _words(one: Configuration) -> str:
-    classifier, _, source = one.name.partition(", ")
     spent = "a cost that is not counted" if np.isnan(one.cost) else f"{one.cost:,.0f} nJ"
-    return f"{classifier} on {source} has {100 * one.accuracy:.1f} % at {spent}"
+    return f"{one.name} has {_percent(one)} at {spent}"
 
 
 def _gained(one: Configuration, other: Configuration) -> Interval:

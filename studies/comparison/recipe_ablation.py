@@ -15,14 +15,14 @@ from neurotact_parts.studies.comparison.sets import WaysData
 from neurotact_parts.studies.comparison.skipped import SKIPPED, of_run, skipped_row
 from pydantic import Field
 
-from neurotact.errors import InputError, nearest
+from neurotact.errors import InputError, nearest, number_of
 from neurotact.figures.style import INK, Drawn, new_figure, printed
 from neurotact.metrics import referee
-from neurotact.metrics.resampled import LEAST_SPLITS, resampled_p, sizes_of
+from neurotact.metrics.resampled import LEAST_SPLITS, Interval, resampled_p, sizes_of
 from neurotact.networks.definition import recipe
 from neurotact.networks.definition.specs import RSNNSpec
 from neurotact.spec import Spec, build, override
-from neurotact.studies.way import Arrays, View, heads
+from neurotact.studies.way import Arrays, Listed, Named, View, heads
 
 WHOLE = "the recipe"
 LEAST_POINTS = 5.0
@@ -50,6 +50,7 @@ VIEW = View(
     note="Each seed has its own split, the same for all changes. A change that does not alter the network of a set has "
     "no row there. Sets whose recordings are not available are left out; the column `skipped` of results.csv gives the "
     "reason.",
+    apart=("set",),
 )
 
 load = sets.load
@@ -126,25 +127,98 @@ def _p(lost: np.ndarray, rows: pd.DataFrame) -> float:
     return resampled_p(lost, n_train, n_test, trials) if len(lost) >= LEAST_SPLITS else 1.0
 
 
-def answers(results: pd.DataFrame) -> list[str]:
-    """One sentence for each set: the accuracy of the recipe, and the change with the largest loss."""
-    shown = of_run(results)
-    both, sentences = changes(shown), []
-    for name, rows in shown.groupby("set", sort=False):
-        reached = rows.loc[rows["change"] == WHOLE, "accuracy_test"].mean()
-        mine = both[both["set"] == name]
-        sentence = f"{name}: the recipe has {100 * reached:.1f} %"
-        if not mine.empty:
-            most = mine.loc[mine["lost"].idxmax()]
-            verb = "loses" if most["lost"] > 0 else "gains"
-            sentence += f"; of {len(mine)} changes '{most['change']}' {verb} most, {100 * abs(most['lost']):.1f} points"
-            corrected = np.array(referee.holm(mine["p"].tolist()))
-            better = mine["change"][(mine["lost"] < 0).to_numpy() & (corrected < referee.LEVEL)]
-            if not better.empty:
-                of = f", after correction for {len(mine)} changes" if len(mine) > 1 else ""
-                sentence += f", and clearly better{of}: {', '.join(better)}"
-        sentences.append(f"{sentence}.")
-    return sentences
+def named(results: pd.DataFrame) -> dict[str, Named]:
+    """Of each set whether a change is clearly better or worse; the first rows of its table are named in the picture."""
+    return {name: _named(*both) for name, *both in _by_set(results)}
+
+
+def tables(results: pd.DataFrame) -> dict[str, tuple[Listed]]:
+    """Of each set what each change loses and saves, the largest loss first."""
+    return {name: (_listed(*both),) for name, *both in _by_set(results)}
+
+
+def _by_set(results: pd.DataFrame) -> Iterator[tuple[str, pd.DataFrame, pd.DataFrame]]:
+    """Of each set the rows of the recipe, and its changes with the largest loss first."""
+    for name, rows in of_run(results).groupby("set", sort=False):
+        table = changes(rows)
+        order = table.sort_values("lost", ascending=False, kind="stable") if len(table) else table
+        yield str(name), rows[rows["change"] == WHOLE], order
+
+
+def _told(table: pd.DataFrame) -> list[int]:
+    """The changes of the first screen: the three that lose most, and the one that loses least or gains most."""
+    return sorted({*range(min(3, len(table))), *range(len(table))[-1:]})
+
+
+def _named(whole: pd.DataFrame, table: pd.DataFrame) -> Named:
+    labels = {(WHOLE,): WHOLE} | dict.fromkeys(((change,) for change in table.get("change", ())), "")
+    for one in table.iloc[_told(table)].itertuples():
+        labels[one.change,] = f"{one.change} {fronts.in_signs(one.share, one.lost)}"
+    said, details = _answer(100 * whole["accuracy_test"].mean(), table)
+    return Named(
+        said, details, {VIEW.cost: labels}, "the recipe, and changes that lose most and least, with SOPs and points"
+    )
+
+
+def _answer(reached: float, table: pd.DataFrame) -> tuple[str, list[str]]:
+    """The headline, and which changes are clear."""
+    recipe, n = f"the recipe ({reached:.1f} %)", number_of(len(table), "change")
+    if table.empty:
+        return f"No change was tried on {recipe}.", []
+    clear = table[np.array(referee.holm(table["p"].tolist())) < referee.LEVEL]
+    worse, better = clear[clear["lost"] > 0], clear[clear["lost"] < 0]
+    reach = (
+        f"they reach from {_words(table.iloc[0])}, to {_words(table.iloc[-1])}"
+        if len(table) > 1
+        else _words(table.iloc[0])
+    )
+    details = [f"Clearly {how}, after correction for {n}: {', '.join(rows['change']) or 'none'}."
+               for how, rows in (("worse", worse), ("better", better))]  # fmt: skip
+    if (seeds := int(table["seeds"].min())) < LEAST_SPLITS:
+        said = f"{fronts.in_seeds(seeds).capitalize()} cannot tell whether a change is better than {recipe}: {reach}."
+    elif len(better):
+        said = f"Change {recipe}: {_most(better[::-1], n, 'better')}."
+    elif len(worse):
+        said = f"Keep {recipe}: {_most(worse, n, 'worse')}, and none is clearly better."
+    else:
+        said = f"None of {n} is clearly better or worse than {recipe}: {reach}."
+    return said, details
+
+
+def _most(clear: pd.DataFrame, n: str, how: str) -> str:
+    """How many changes are clear, and the first of them."""
+    are, first = ("is", ":") if len(clear) == 1 else ("are", ", most of all")
+    return f"{len(clear)} of {n} {are} clearly {how}{first} {_words(clear.iloc[0])}"
+
+
+def _words(change: Any) -> str:
+    points = fronts.in_points(Interval(change["lost"], change["low"], change["high"]))
+    return f"'{change['change']}', {points} {'gained' if change['lost'] < 0 else 'lost'}"
+
+
+def _listed(whole: pd.DataFrame, table: pd.DataFrame) -> Listed:
+    base = {
+        "change": WHOLE,
+        "points gained": "-",
+        "accuracy_test": whole["accuracy_test"].mean(),
+        "share of SOPs": "100 %",
+    }
+    rows = [
+        {"change": one["change"], "points gained": _signed(one), "accuracy_test": one["accuracy_test"],
+         "share of SOPs": f"{100 * one['share']:.0f} %"}
+        for one in table.to_dict("records")
+    ]  # fmt: skip
+    return Listed(
+        "The recipe, and the points of test accuracy that each change gains over it, with the 95 % interval of that "
+        "change alone. SOPs are a share of those of the recipe.",
+        pd.DataFrame([base, *rows]),
+        [0, *(1 + at for at in _told(table))],
+    )
+
+
+def _signed(change: Any) -> str:
+    gained, low, high = (0.0 - 100 * change[name] for name in ("lost", "high", "low"))
+    return f"{gained:+.1f}" + ("" if np.isnan(low) else f" ({low:.1f} to {high:.1f})")
 
 
 def draw(results: pd.DataFrame, arrays: Arrays) -> Iterator[Drawn]:

@@ -70,7 +70,7 @@ def tables(results: pd.DataFrame, view: View) -> dict[str, tuple[Listed, ...]]:
 
 def _best(outcome: WayAnswer) -> Listed:
     table = first_screen.table_of_configurations(outcome)
-    return Listed(table.caption, pd.DataFrame(table.rows, columns=table.columns))
+    return Listed(table.caption, pd.DataFrame(table.rows, columns=table.columns), table.named)
 
 
 def _by_prices(rows: pd.DataFrame) -> Iterator[Listed]:

@@ -13,7 +13,7 @@ from typing import Any, Literal, NamedTuple
 import numpy as np
 from neurotact_parts.studies.comparison import remedy_answers, touch_sets
 from neurotact_parts.studies.comparison.own_set import choice_of
-from neurotact_parts.studies.comparison.remedy_answers import CEILING, DEFAULT, NETWORK, NOTHING
+from neurotact_parts.studies.comparison.remedy_answers import DEFAULT, NETWORK, NOTHING
 from neurotact_parts.studies.comparison.set_arrays import from_arrays
 from neurotact_parts.studies.comparison.skipped import SKIPPED, skipped_row
 from neurotact_parts.studies.comparison.touch_sets import TouchData
@@ -142,7 +142,7 @@ VIEW = View(
 )
 
 load = touch_sets.load
-answers = remedy_answers.answers
+named = remedy_answers.named
 cautions = remedy_answers.cautions
 tables = remedy_answers.tables
 draw = remedy_answers.draw
@@ -175,8 +175,7 @@ def run(parameters: Parameters, arrays: Arrays) -> list[dict[str, Any]]:
 def _tested(parameters: Parameters) -> str:
     """What the rows of a cell are compared within."""
     by = f" by {quantity(parameters.condition)[0]}" if parameters.condition else ""
-    name = f"{parameters.data.set}{by}"
-    return f"{name}, {CEILING}" if parameters.chosen.trained else name
+    return f"{parameters.data.set}{by}"
 
 
 def _told(row: Mapping[str, Any], parameters: Parameters) -> dict[str, Any]:

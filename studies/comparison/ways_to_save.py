@@ -187,7 +187,7 @@ def _named(rows: pd.DataFrame) -> Named:
     if not details:  # nothing was learned, so that no saving has a name
         return Named(headline)
     labels = {cost: fronts.labels(alone, cost) | together.labels(rows, cost) for cost in fronts.PICTURED}
-    return Named(headline, details, labels)
+    return Named(headline, details, labels, "cheapest setting that keeps the accuracy")
 
 
 def cautions(results: pd.DataFrame) -> list[str]:

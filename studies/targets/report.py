@@ -92,7 +92,6 @@ def write(study: StudySpec, folder: Path) -> Path:
         specs={},
         seeds=study.sweep.get("seed", [0]),
         data={"recordings": page.if_there(folder / "data.json")},
-        answers=[],
         cautions=said,
         **{**shown, "fronts": screens},
     )

@@ -197,18 +197,35 @@ def test_the_report_shows_claims_figures_and_every_configuration(finished):
     assert 'id="figure-tosses"' in page
     assert len(re.findall(r"<tr data-cell=", page)) == 4
     assert "Coins.\n" in page
-    assert re.search(r"The best rule foresees \d+\u00a0% of &lt;all&gt; tosses.</p>", page)
     assert not re.search(r"(src|href|url\()\s*=?\s*[\"']?\s*(https?:)?//", page)
 
 
-def test_an_answer_of_one_sentence_is_the_headline_and_others_follow(finished, tmp_path, monkeypatch):
+def test_a_way_opens_with_its_sentence_its_picture_and_five_rows_and_folds_the_rest(finished, tmp_path, monkeypatch):
     shutil.copytree(finished, tmp_path / "run")
-    said = ["heads: none is best; it takes two tosses. They fall.", "All rules are right."]
-    monkeypatch.setattr(way.module_of("coins"), "answers", lambda _: said)
+    labels = {("toss", "0.2"): "a toss of 30 %", ("heads", "0.9"): "", ("heads", "0.2"): ""}
+    said = way.Named("80 % of <all> tosses are foreseen.", ["None is best; all fall."], {"flops": labels}, "a rule")
+    rows = pd.DataFrame({"rule": [f"rule {number}" for number in range(9)]})
+    monkeypatch.setattr(way.module_of("coins"), "named", lambda _: {"": said}, raising=False)
+    monkeypatch.setattr(
+        way.module_of("coins"), "tables", lambda _: {"": (way.Listed("Rules.", rows, [8, 2]),) * 2}, raising=False
+    )
     report.write(tmp_path / "run")
     page = (tmp_path / "run" / "report.html").read_text()
-    headline = page.index('<p class="headline">All rules are right.</p>')
-    assert headline < page.index("<strong>heads: none is best.</strong> It takes two tosses. They fall.</p>")
+    first = re.search(r'<section id="answer".*?</section>', page, re.DOTALL)[0]
+    seen = re.sub(r"<details.*?</details>", "", first, flags=re.DOTALL)
+    assert re.findall(r'class="headline">(.*?)</p>', seen) == ["80\u00a0% of &lt;all&gt; tosses are foreseen."]
+    assert re.findall(r"rule \d", seen) == ["rule 2", "rule 8"]
+    assert "None is best; all fall." in first.replace(seen, "")
+    assert "None is best" not in seen
+    drawn = json.loads(re.search(r'id="study-data">(.*?)</script>', page)[1])
+    assert drawn["fronts"][""]["named"] == "a rule"
+    of_points = {point["name"]: point["labels"] for point in drawn["points"]}
+    assert of_points["rule toss, heads 0.2"] == {"flops": "a toss of 30 %"}
+    assert of_points["rule heads, heads 0.9"] == {"flops": ""}
+    assert of_points["rule toss, heads 0.9"] == {}  # not drawn
+    answer = json.loads((tmp_path / "run" / "answer.json").read_text())
+    assert answer["answers"] == [{"dataset": "", "headline": said.headline, "details": said.details}]
+    assert [(len(table["rows"]), table["named"]) for table in answer["tables"]] == [(9, [2, 8])] * 2
 
 
 def test_the_first_screen_answers_before_anything_else(finished):
@@ -220,30 +237,19 @@ def test_the_first_screen_answers_before_anything_else(finished):
     said = sentences.evidence(found).replace(" %", "\u00a0%")
     assert "The comparison is of 30 test trials of one split, and says nothing of other splits." in page
     assert found.best.name.startswith("heads")
-    parts = ("The best rule foresees", 'id="plot"', "The best of each kind", said, "Explore every", 'id="claims"')
+    parts = (sentences.verdict(found), 'id="plot"', "The best of each kind", said, "Explore every", 'id="claims"')
     order = [page.index(part) for part in parts]
     assert order == sorted(order)
     drawn = json.loads(re.search(r'id="study-data">(.*?)</script>', page)[1])
-    assert drawn["fronts"] == {"": {"best": found.best.index, "cheapest": found.cheapest.index, "chance": None}}
+    assert drawn["fronts"] == {
+        "": {"best": found.best.index, "cheapest": found.cheapest.index, "chance": None, "named": ""}
+    }
     assert drawn["points"][found.best.index]["costs"] == {"flops": 1.0}
     assert drawn["points"][found.best.index]["y"] == pytest.approx(100 * found.best.accuracy)
 
 
-def test_what_a_protocol_says_is_kept_for_programs_and_leads_the_page(finished):
-    answer = json.loads((finished / "answer.json").read_text())
-    (said,) = answer["answers"]
-    assert said["headline"].startswith("The best rule foresees")
-    assert answer["cautions"] == answer["tables"] == []
-    page = (finished / "report.html").read_text()
-    first = said["headline"].replace(" %", "\u00a0%").replace("<all>", "&lt;all&gt;")
-    assert f'<p class="headline">{first}</p>' in page
-
-
-def test_a_way_without_sentences_leaves_the_answer_of_its_page(finished, tmp_path, monkeypatch):
-    shutil.copytree(finished, tmp_path / "run")
-    monkeypatch.delattr(way.module_of("coins"), "answers")
-    report.write(tmp_path / "run")
-    answer, view = json.loads((tmp_path / "run" / "answer.json").read_text()), way.module_of("coins").VIEW
+def test_a_way_without_sentences_leaves_the_answer_of_its_page(finished):
+    answer, view = json.loads((finished / "answer.json").read_text()), way.module_of("coins").VIEW
     (found,) = way_answer.answers(read_table(finished / "means.csv"), view, read_table(finished / "results.csv"))
     (said,) = answer["answers"]
     assert (said["headline"], said["short"]) == (sentences.headline(found), sentences.verdict(found))

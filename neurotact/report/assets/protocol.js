@@ -30,6 +30,7 @@ function choose(index) {
   if (settings.length && study.shown.setting !== setting && settings.includes(setting)) show({ setting });
   for (const row of table.tBodies[0].rows) row.removeAttribute("aria-current");
   rowOf(index).setAttribute("aria-current", "true");
+  table.closest("details").open = true;
   reach(rowOf(index));
   if (plotly) redraw();
 }
@@ -99,7 +100,7 @@ function frontTrace() {
 /* Entries of the legend alone, of a picture that names points. */
 function keyTraces() {
   const entry = (name, colour, size) => ({ type: "scatter", mode: "markers", name, hoverinfo: "skip", x: [null], y: [null], marker: { color: style(colour), size } });
-  return [entry("named: cheapest setting that keeps the accuracy", "--ink", 10), entry("grey: other settings; zoom out for all", "--soft", 6)];
+  return [entry(`named: ${study.fronts[study.shown.setting].named}`, "--ink", 10), entry("grey: others; zoom out for all", "--soft", 6)];
 }
 
 /* A line at guessing where it leaves the points room. */
@@ -131,7 +132,7 @@ function seriesTrace(name, index, isOf = () => true) {
 /* The part of an axis with the named points, with room for their names; of a logarithmic one by its powers. */
 function rangeOf(values, least, type) {
   const known = type === "log" ? values.map(Math.log10) : values, low = Math.min(...known), high = Math.max(...known), room = 0.6 * Math.max(high - low, least);
-  return { range: [low - room, high + room / 2], autorange: false };
+  return { range: [type === "log" || low < 0 ? low - room : Math.max(0, low - room), high + room / 2], autorange: false };
 }
 
 function redraw() {

@@ -70,7 +70,7 @@ def test_each_list_has_its_cheapest_rival_among_the_most_accurate():
     assert cheapest.loc["memory-45nm", "nJ"] == pytest.approx(spent.energy_nJ(MEMORY))
     assert cheapest["kB"].tolist() == pytest.approx([2.0] * len(names()))
     assert set(found.loc[rivals.MOST_ACCURATE, "name"]) == {"SVM, spikes: counts"}
-    (said,) = real_sets.answers(results)
+    *_, said = real_sets.named(results)["made, trials"].details
     assert (
         "By arithmetic-45nm the network takes 5 times the energy of extra trees, signals: a; it takes less by" in said
     )
@@ -95,7 +95,7 @@ def test_a_table_of_each_answer_stands_beside_the_best_of_each_kind():
     assert listed.rows.iloc[at].tolist() == ["arithmetic-45nm", "23 nJ", *["SVM, signals: a: 41.4 nJ, 0.56 times"] * 2]
     without = results.drop(columns=[name for name in results if name in PRICED or name.startswith("events_")])
     assert [len(own) for own in real_sets.tables(without).values()] == [1]
-    assert "By " not in real_sets.answers(without)[0]
+    assert not any("By " in said for said in real_sets.named(without)["made, trials"].details)
     assert real_sets.tables(results.assign(accuracy_test=math.nan)) == {}
 
 

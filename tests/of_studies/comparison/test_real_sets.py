@@ -6,10 +6,11 @@ from neurotact_parts.studies.comparison import by_list, real_sets, sets
 from neurotact_parts.studies.comparison.real_sets import (
     NETWORK_INPUT,
     Parameters,
-    answers,
     draw_energy,
     draw_points,
+    named,
     points,
+    tables,
 )
 
 from neurotact.data.splits import SplitSpec, split_conditions
@@ -107,7 +108,7 @@ def test_a_set_without_groups_is_left_out_by_group(caplog):
     assert "names no group" in row["skipped"]
     assert row["skipped"] in caplog.text
     table = pd.DataFrame([{"set": "made", "split": "groups", **row}])
-    assert answers(table) == []
+    assert named(table) == tables(table) == {}
     assert list(real_sets.draw(table, {})) == []
 
 
@@ -126,12 +127,18 @@ def test_one_sentence_sets_the_best_network_beside_the_best_of_the_others():
         ("RSNN", NETWORK_INPUT): [0.8, 0.85, 0.9], ("SNN", NETWORK_INPUT): [0.6, 0.6, 0.6],
         ("SVM", "spikes: counts"): [0.7, 0.75, 0.8], ("ELM", "spikes: counts"): [0.2, 0.25, 0.3],
     }  # fmt: skip
-    (said,) = answers(table(values))
-    assert said == (
-        "made, split by trials: spiking is more accurate. RSNN on spikes: every step has 85.0 % at 100 nJ; SVM on "
-        "spikes: counts has 75.0 % at 300 nJ: the network has 10.0 points more, 95 % interval 6.1 to 13.9, at 33.3 % "
-        "of its energy."
+    (found,) = named(table(values)).values()
+    assert found.headline == (
+        "Spiking is more accurate: RSNN has 85.0 %, 10.0 points (95 % interval 6.1 to 13.9) more than SVM, spikes: "
+        "counts, for 33 % of its energy, and nothing within the error of the best takes less."
     )
+    assert found.details == ["RSNN, spikes: every step has 85.0 % at 100 nJ; SVM, spikes: counts has 75.0 % at 300 nJ."]
+    names = {name: said for name, said in found.labels["energy_estimate_nJ"].items() if said}
+    assert names == {
+        ("RSNN", NETWORK_INPUT): f"RSNN, {NETWORK_INPUT} 85.0 %",
+        ("SVM", "spikes: counts"): "SVM, spikes: counts 75.0 %",
+    }  # fmt: skip
+    assert found.labels["energy_estimate_nJ"].keys() == values.keys()
 
 
 def test_a_rival_that_validation_cannot_tell_apart_decides_wherever_it_stands():
@@ -140,34 +147,48 @@ def test_a_rival_that_validation_cannot_tell_apart_decides_wherever_it_stands():
     }  # fmt: skip
     rows = table(values)
     rows.loc[rows["classifier"] == "ELM", "accuracy_test"] = 0.9
-    (said,) = answers(rows)
-    assert "made, split by trials: spiking costs accuracy. RSNN on a has 80.0 % at 100 nJ; ELM on signals: b" in said
-    assert "one of 2 that validation cannot tell apart: the network has 10.0 points fewer" in said
-    assert said.endswith("The cheapest within the error of the best, SVM on signals: a has 70.0 % at 200 nJ, takes 200 "
-                         "% of the network's energy.")  # fmt: skip
+    (found,) = named(rows).values()
+    assert found.headline.startswith(
+        "Spiking costs accuracy: RSNN has 80.0 %, 10.0 points (95 % interval 6.1 to 13.9) "
+    )
+    assert "less than ELM, signals: b, for 33 % of its energy" in found.headline
+    assert found.details[1] == "Validation cannot tell 2 rivals apart."
+    assert found.labels["energy_estimate_nJ"]["ELM", "signals: b"] == "ELM, signals: b 90.0 %"
+    assert found.labels["energy_estimate_nJ"]["SVM", "signals: a"] == ""
 
 
-@pytest.mark.parametrize(("n", "seeds"), [(1, "one seed"), (2, "2 seeds")])
+def test_the_cheapest_within_the_error_of_the_best_ends_the_sentence_and_stands_in_the_table():
+    values = {("RSNN", "a"): [0.8, 0.9, 0.8], ("SVM", "b"): [0.9, 0.8, 0.8], ("ELM", "c"): [0.8, 0.8, 0.8]}
+    rows = table(values).replace({"energy_estimate_nJ": {100.0: 1000.0, 300.0: 30.0}})
+    (found,) = named(rows).values()
+    assert found.headline.endswith("its energy; ELM, c has 80.0 % for 3 % of that of RSNN.")
+    ((best, *_),) = tables(rows).values()
+    assert {"RSNN, a", "SVM, b", "ELM, c"} <= {*best.rows["configuration"].iloc[best.first].str.partition(": ")[0]}
+
+
+@pytest.mark.parametrize(("n", "seeds"), [(1, "One seed"), (2, "2 seeds")])
 def test_one_or_two_seeds_claim_nothing(n, seeds):
     values = {("RSNN", "a"): [0.8], ("SNN", "a"): [0.8], ("SVM", "a"): [0.9], ("ELM", "a"): [0.9]}
-    (said,) = answers(table({of: n * accuracy for of, accuracy in values.items()}))
-    assert f"{seeds}, so that no difference is clear. RSNN on a has 80.0 % at 100 nJ; SVM on a has 90.0 %" in said
-    assert "interval" not in said
-    assert "cannot tell apart" not in said
-    assert "within the error" not in said
+    (found,) = named(table({of: n * accuracy for of, accuracy in values.items()})).values()
+    assert found.headline == (
+        f"{seeds} cannot tell whether spiking is worth it: RSNN has 80.0 %, 10.0 points less than SVM, a, for 33 % of "
+        "its energy."
+    )
+    assert not any("rivals" in said for said in found.details)
 
 
 def test_a_rival_that_is_far_off_is_not_said_to_be_level_with_one_seed():
     values = {("RSNN", "a"): [0.8], ("SVM", "signals: a"): [0.9], ("ELM", "signals: a"): [0.2]}
-    (said,) = answers(table(values))
-    assert "SVM on signals: a has 90.0 %" in said
-    assert not any(word in said for word in ("ELM", "cannot tell apart", "within the error"))
+    (found,) = named(table(values)).values()
+    assert "less than SVM, signals: a" in found.headline
+    assert not any("ELM" in said or "rivals" in said for said in (found.headline, *found.details))
 
 
 def test_equal_differences_count_trials_and_not_their_windows():
     values = {("RSNN", "a"): [0.8, 0.85, 0.9], ("SVM", "a"): [0.7, 0.75, 0.8]}
-    assert "spiking is more accurate" in answers(table(values))[0]
-    assert "no clear difference" in answers(table(values).assign(test_trials=15))[0]
+    assert named(table(values))["made, trials"].headline.startswith("Spiking is more accurate: ")
+    few = named(table(values).assign(test_trials=15))["made, trials"].headline
+    assert few.startswith("Too few test trials to tell whether spiking costs accuracy")
 
 
 def test_each_family_has_its_front_of_accuracy_over_energy():

@@ -7,9 +7,10 @@ from neurotact_parts.studies.comparison import recipe_ablation as ablation
 from neurotact_parts.studies.comparison.recipe_ablation import (
     WHOLE,
     Parameters,
-    answers,
     changes,
     draw_changes,
+    named,
+    tables,
     variants,
 )
 
@@ -104,7 +105,7 @@ def test_a_set_that_is_not_at_hand_is_left_out(tmp_path):
     (row,) = ablation.run(parameters, ablation.load(parameters.data))
     assert "absent is left out" in row["skipped"]
     table = pd.DataFrame([{"set": "absent", **row}])
-    assert answers(table) == []
+    assert named(table) == tables(table) == {}
     assert list(ablation.draw(table, {})) == []
 
 
@@ -135,17 +136,71 @@ def test_a_seed_that_only_one_of_them_has_is_left_out():
 
 def test_a_recipe_without_changes_is_told_and_draws_nothing():
     alone = table({WHOLE: [0.9, 0.8]})
-    assert answers(alone) == ["made: the recipe has 85.0 %."]
+    assert named(alone)["made"].headline == "No change was tried on the recipe (85.0 %)."
+    assert named(alone)["made"].labels["sops_total"] == {(WHOLE,): WHOLE}
     assert list(ablation.draw(alone, {})) == []
 
 
-def test_one_sentence_names_what_matters_most_and_what_does_better():
-    values = {WHOLE: [0.8, 0.8, 0.8], "much": [0.5, 0.5, 0.5], "little": [0.7, 0.8, 0.9], "better": [0.9, 0.9, 0.9]}
-    (said,) = answers(table(values))
-    assert said == (
-        "made: the recipe has 80.0 %; of 3 changes 'much' loses most, 30.0 points, and clearly better, after "
-        "correction for 3 changes: better."
+VALUES = {
+    WHOLE: [0.8, 0.8, 0.8], "much": [0.5, 0.5, 0.5], "little": [0.7, 0.8, 0.9], "better": [0.9, 0.9, 0.9],
+    "more": [0.7, 0.7, 0.7], "most": [0.4, 0.4, 0.4],
+}  # fmt: skip
+
+
+def within(lost):
+    """The points of a change that each of three seeds loses or gains alike, with their interval."""
+    low, high = sorted(100 * end for end in resampled_interval([abs(lost)] * 3, 700, 150, DIFFERENCES)[1:])
+    return f"{100 * abs(lost):.1f} points (95 % interval {low:.1f} to {high:.1f})"
+
+
+@pytest.mark.parametrize(
+    ("changes_of", "said"),
+    [
+        (
+            VALUES,
+            f"Change the recipe (80.0 %): 1 of 5 changes is clearly better: 'better', {within(-0.1)} gained.",
+        ),
+        (
+            {name: VALUES[name] for name in (WHOLE, "little", "much", "most")},
+            f"Keep the recipe (80.0 %): 2 of 3 changes are clearly worse, most of all 'most', {within(0.4)} lost, and "
+            "none is clearly better.",
+        ),
+        (
+            {name: VALUES[name][:2] for name in (WHOLE, "much", "better")},
+            "2 seeds cannot tell whether a change is better than the recipe (80.0 %): they reach from 'much', "
+            "30.0 points lost, to 'better', 10.0 points gained.",
+        ),
+    ],
+)
+def test_one_sentence_says_whether_to_keep_the_recipe(changes_of, said):
+    assert named(table(changes_of))["made"].headline == said
+
+
+def test_without_a_clear_change_both_ends_are_told():
+    found = named(table({WHOLE: [0.8, 0.8, 0.8], "a": [0.7, 0.8, 0.9], "b": [0.7, 0.8, 0.8]}))["made"]
+    assert found.headline.startswith(
+        "None of 2 changes is clearly better or worse than the recipe (80.0 %): they reach from 'b', 3.3 points (95 % "
+        "interval -"
     )
+    assert ") lost, to 'a', 0.0 points (95 % interval -" in found.headline
+    assert found.details == [f"Clearly {how}, after correction for 2 changes: none." for how in ("worse", "better")]
+
+
+def test_what_the_picture_names_stands_in_the_first_rows_of_the_table():
+    rows = table(VALUES)
+    ((listed,),) = tables(rows).values()
+    first = listed.rows.iloc[listed.first]
+    assert first["change"].tolist() == [WHOLE, "most", "much", "more", "better"]
+    assert first["points gained"].str.partition(" ")[0].tolist() == ["-", "-40.0", "-30.0", "-10.0", "+10.0"]
+    assert first["share of SOPs"].tolist() == ["100 %", *["25 %"] * 4]
+    found = named(rows)["made"]
+    names = {name: said for (name,), said in found.labels["sops_total"].items() if said}
+    assert [*names] == [WHOLE, "most", "much", "more", "better"]
+    assert names["most"].replace("\u00a0", " ") == "most \u221275 %, \u221240 points"
+    assert found.details == [
+        "Clearly worse, after correction for 5 changes: most, much, more.",
+        "Clearly better, after correction for 5 changes: better.",
+    ]
 
 
 def test_a_mark_stands_where_the_loss_is():

@@ -16,7 +16,6 @@ from neurotact_parts.studies.comparison.remedy_answers import (
     DEFAULT,
     NETWORK,
     NOTHING,
-    answers,
     draw_points,
     points,
 )
@@ -139,7 +138,7 @@ def test_a_set_that_is_not_at_hand_is_left_out(tmp_path):
     (row,) = untrained.run(parameters, untrained.load(parameters.data))
     assert "absent is left out" in row["skipped"]
     table = pd.DataFrame([{"set": "absent", **row}])
-    assert answers(table) == []
+    assert untrained.named(table) == untrained.tables(table) == {}
     assert list(untrained.draw(table, {})) == []
 
 
@@ -211,8 +210,8 @@ def table(accuracies, seen=0.9):
     points more.
     """
     return pd.DataFrame([
-        {"set": "made", "condition": "speed", "tested": f"made by speed{', ' + CEILING if remedy == CEILING else ''}",
-         "value": float(value), "remedy": remedy, "classifier": classifier, "input": "spikes", "seed": seed,
+        {"set": "made", "condition": "speed", "tested": "made by speed", "value": float(value), "split": str(value),
+         "n_train": 400, "n_test": 100, "remedy": remedy, "classifier": classifier, "input": "spikes", "seed": seed,
          "accuracy_test": accuracy + more, "accuracy_seen": seen, "validated": 0.5 + more, "sops_total": 1000.0,
          "accuracy_validation": 0.5, "energy_estimate_nJ": 100.0 / (1 + more), "signal_ms": 150.0, "ranked": False}
         for remedy, values in accuracies.items() for value, seeds in enumerate(values)
@@ -249,15 +248,46 @@ def test_a_single_value_has_no_ends():
     assert found[["low", "high", "gained_low", "gained_high"]].isna().all(axis=None)
 
 
-def test_one_sentence_tells_what_is_lost_and_what_gains():
-    (said,) = answers(table(FOUND))
-    assert said == (
-        "made by speed: with nothing the network has 45.0 % at untrained values and 90.0 % at trained ones (45.0 "
-        "points are lost); by default the network has 80.0 % at untrained values and 90.0 % at trained ones (10.0 "
-        "points are lost); of 1 others, 'gain' gains most, 20.0 points (10.0 to 30.0 over 2 values); of opponents with "
-        "the same remedies, the best on validation trials, SVM on spikes, has 90.0 %, 10.0 points more, at 90.9 % of "
-        "the network's energy; trained on such trials, too, the network has 90.0 %."
+def test_one_sentence_says_whether_the_default_gains_and_what_is_left():
+    (found,) = untrained.named(table(FOUND)).values()
+    assert found.headline == (
+        "Remedies gain accuracy: the default has 80.0 % at untrained values of speed, 35.0 points more than nothing "
+        "(100 test trials, p < 0.001); SVM on spikes has 90.0 % with the same remedies for 91 % of the network's "
+        "energy; trained on such trials, too, the network has 90.0 %."
     )
+    assert found.details == [
+        "With nothing the network has 45.0 % at untrained values and 90.0 % at trained ones (45.0 points are lost).",
+        "By default the network has 80.0 % at untrained values and 90.0 % at trained ones (10.0 points are lost).",
+        "Of 1 others, 'gain' gains most, 20.0 points (10.0 to 30.0 over 2 values).",
+        "Of opponents with the same remedies, the best on validation trials, SVM on spikes, has 90.0 %, 10.0 points "
+        "more, at 90.9 % of the network's energy.",
+    ]
+    labels = found.labels["energy_estimate_nJ"]
+    assert labels == {
+        (NOTHING, NETWORK, "spikes"): "nothing 45.0 %", (DEFAULT, NETWORK, "spikes"): "the default 80.0 %",
+        (DEFAULT, "SVM", "spikes"): "SVM on spikes 90.0 %", ("gain", NETWORK, "spikes"): "gain 65.0 %",
+        (CEILING, NETWORK, "spikes"): "trained on it 90.0 %",
+    }  # fmt: skip
+
+
+@pytest.mark.parametrize(
+    ("of_default", "verdict"),
+    [(0.9, "Remedies gain accuracy"), (0.3, "Remedies cost accuracy"), (0.62, "No clear gain")],
+)
+def test_a_gain_is_clear_over_the_values_or_is_not_said(of_default, verdict):
+    rows = table({NOTHING: [[0.6], [0.62], [0.58], [0.6]], DEFAULT: [[of_default + 0.01 * at] for at in range(4)]})
+    (found,) = untrained.named(rows).values()
+    assert found.headline.startswith(verdict)
+    difference = 100 * (of_default + 0.015 - 0.6)
+    assert f", {abs(difference):.1f} points (95 % interval " in found.headline
+    assert ("less than nothing" in found.headline) == (difference < 0)
+
+
+def test_without_the_default_or_nothing_no_gain_is_said():
+    for missing in (NOTHING, DEFAULT):
+        rows = table({name: values for name, values in FOUND.items() if name != missing})
+        (found,) = untrained.named(rows).values()
+        assert found.headline.startswith(f"No gain is known, since '{missing}' has no results: under '")
 
 
 def test_what_limits_the_answer_is_said():
@@ -272,6 +302,7 @@ def test_a_table_has_a_row_for_each_remedy():
     ((listed,),) = untrained.tables(table(FOUND)).values()
     assert listed.rows["remedy"].tolist() == [*FOUND]
     assert listed.rows["best opponent"].tolist()[0] == "SVM: 55.0 %"
+    assert [listed.rows["remedy"][row] for row in dict.fromkeys(listed.first)] == [NOTHING, DEFAULT, CEILING, "gain"]
 
 
 def test_a_mark_stands_at_each_accuracy():

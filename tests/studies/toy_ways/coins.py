@@ -50,10 +50,6 @@ def run(parameters: Parameters, arrays: Arrays) -> list[dict]:
     return rows
 
 
-def answers(results: pd.DataFrame) -> list[str]:
-    return [f"The best rule foresees {100 * results['accuracy_test'].max():.0f} % of <all> tosses."]
-
-
 def draw(results: pd.DataFrame, arrays: Arrays) -> Iterator[Drawn]:
     figure = new_figure(2.0)
     figure.subplots().plot(arrays["fell"])
