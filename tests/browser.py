@@ -19,6 +19,14 @@ FLAGS = (
 )  # fmt: skip
 KEYS = {"Enter": ("\r", 13), "Tab": ("\t", 9), "ArrowDown": ("", 40), "ArrowUp": ("", 38)}
 PATIENCE_s = 60.0
+APART = """(() => {
+  const boxes = (parts) => [...document.querySelectorAll(parts)].map((part) => part.getBoundingClientRect());
+  const meet = (a, b) => a.left < b.right && b.left < a.right && a.top < b.bottom && b.top < a.bottom;
+  const names = boxes("#plot .annotation-text"), marks = boxes("#plot .points path"), width = document.body.clientWidth;
+  return [names.length, names.filter((name, i) => names.some((other, j) => i < j && meet(name, other))).length,
+    names.filter((name) => marks.some((mark) => meet(name, mark)) || name.left < 0 || name.right > width).length];
+})()"""
+"""The names of points in a plot: how many there are, how many meet another name, and a mark or the edge of the page."""
 
 
 class Browser:

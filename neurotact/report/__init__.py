@@ -12,6 +12,7 @@ Other rooms take:
     periods: NONE, head, in_ms, of_rows, sizes
     report: write
     running: writer
+    sentences: verdict
     tables: afferents_of, first_spikes, tables_beside, with_pair, with_setting
     under_prices: times, turning
     way_answer: Configuration, WayAnswer, answers

@@ -13,7 +13,7 @@ import numpy as np
 import pandas as pd
 import pytest
 import torch
-from browser import browser
+from browser import APART, browser
 from hypothesis import given
 from hypothesis import strategies as st
 from in_process import without_pictures
@@ -689,15 +689,6 @@ def test_in_a_browser_the_name_of_a_line_along_the_front_hides_neither_marks_nor
     assert chromium.evaluate(OVER) == [1, 0]
     assert chromium.evaluate(OVER_LINES) == 0
     assert_quiet(chromium, page)
-
-
-APART = """(() => {
-  const boxes = (parts) => [...document.querySelectorAll(parts)].map((part) => part.getBoundingClientRect());
-  const meet = (a, b) => a.left < b.right && b.left < a.right && a.top < b.bottom && b.top < a.bottom;
-  const names = boxes("#plot .annotation-text"), marks = boxes("#plot .points path"), width = document.body.clientWidth;
-  return [names.length, names.filter((name, i) => names.some((other, j) => i < j && meet(name, other))).length,
-    names.filter((name) => marks.some((mark) => meet(name, mark)) || name.left < 0 || name.right > width).length];
-})()"""
 
 
 @pytest.mark.slow

@@ -4,10 +4,12 @@ import html
 import json
 import re
 from collections.abc import Callable
+from pathlib import Path
 from typing import Any, NamedTuple
 
 import numpy as np
 import pytest
+from browser import APART, browser
 from in_process import studies_here, typed, without_pictures
 from neurotact_parts.studies.comparison import real_sets, recipe_ablation, untrained
 
@@ -94,11 +96,12 @@ STUDIES = {
 
 
 class Opened(NamedTuple):
-    """A report as it opens: its first section without what is folded, data of its picture; what the command printed,
-    and `answer.json`.
+    """A report as it opens: its page, its first section without what is folded, and the data of its picture; what the
+    command printed, and `answer.json`.
     """
 
     made: Made
+    page: Path
     section: str
     data: dict
     printed: str
@@ -146,7 +149,7 @@ def opened(request, tmp_path_factory):
     section = re.search(r'<section id="answer".*?</section>', page, re.DOTALL)[0]
     seen = re.sub(r"<details.*?</details>", "", section, flags=re.DOTALL)
     data = json.loads(re.search(r'id="study-data">(.*?)</script>', page)[1])
-    return Opened(made, seen, data, done.out, json.loads((folder / "answer.json").read_text()))
+    return Opened(made, folder / "report.html", seen, data, done.out, json.loads((folder / "answer.json").read_text()))
 
 
 def test_a_report_opens_with_one_sentence_and_five_rows_and_folds_all_else(opened):
@@ -191,3 +194,23 @@ def test_the_command_prints_the_same_sentences_and_rows_and_no_more(opened):
         for at, row in enumerate(table["rows"]):
             is_printed = " ".join(row[:2]) in printed
             assert is_printed == (at in table["named"]), row
+
+
+CUT = """[...document.querySelectorAll("#answer .scroll")].filter((part) => part.offsetParent)
+  .filter((part) => part.scrollWidth > part.clientWidth).length"""
+
+
+@pytest.mark.slow
+def test_in_a_browser_every_name_has_its_place_and_nothing_is_cut_off(opened, tmp_path):
+    with browser(tmp_path / "profile") as chromium:
+        for width, scheme in ((1400, "light"), (400, "dark")):
+            chromium.open(opened.page, width, scheme=scheme)
+            chromium.wait_for("document.querySelector('#plot .annotation-text')")
+            assert chromium.evaluate(APART) == [len(opened.made.named), 0, 0]
+            assert chromium.evaluate(CUT) == 0
+            assert chromium.evaluate("document.documentElement.scrollWidth") <= width
+            assert len(chromium.evaluate("document.querySelector('main').innerText").split()) < 1500
+        chromium.evaluate("document.querySelector('#explore details').open = false")
+        chromium.evaluate("document.getElementById('plot').emit('plotly_click', { points: [{ customdata: 1 }] })")
+        assert chromium.evaluate("document.querySelector('#explore tr[aria-current]').checkVisibility()")
+        assert chromium.complaints == []
