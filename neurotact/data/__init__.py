@@ -40,7 +40,7 @@ Other rooms take:
         check_sampling_rate, class_indices, class_names, default_channels, order_by_name, select_conditions,
         unit_factor
     spikes: SpikeTrains, TrialSpikes, Variations, empty_raster, from_rasters, from_trials, populations_of, spikes_of
-    splits: Split, SplitSpec, Splits, check_each, check_stratify, combination, each_left_out, hold_out,
+    splits: Split, SplitSpec, Splits, aside_of, check_each, check_stratify, combination, each_left_out, hold_out,
         hold_out_groups, split_conditions, split_touches, split_trials, training_touches, turns_of, validation_note,
         values_to_leave_out
     spool: Spool
