@@ -31,8 +31,8 @@ from neurotact.report.wording import milliseconds, percent
 from neurotact.studies.automatic import FOLDS
 
 Kind = Literal["use", "none", "unclear"]
-ANY = (-math.inf, math.inf)
-"""What the mean of any numbers can be."""
+SAVED = (-math.inf, 1.0)
+"""What the mean of shares that are saved can be."""
 INDEPENDENT = 10**12
 """Training examples beside which values are as independent ones: the corrected t test is then Student's."""
 SEEDS = 5
@@ -448,9 +448,9 @@ class Comparison(NamedTuple):
             return None
         saved = 1 - after / before
         if self._n_splits(both) < LEAST_SPLITS:
-            return resampled_interval(saved, INDEPENDENT, 1, ANY)
+            return resampled_interval(saved, INDEPENDENT, 1, SAVED)
         in_splits = pd.Series(saved).groupby([both[key] for key in self.splits]).mean()
-        return resampled_interval(in_splits.to_numpy(), *self.sides[:2], ANY)
+        return resampled_interval(in_splits.to_numpy(), *self.sides[:2], SAVED)
 
     def _over_trials(self, one: Network, other: Network, both: pd.DataFrame, lost: float) -> Interval:
         """The loss on single test trials, with that of other starts where known; no ends if trials are unknown."""

@@ -13,6 +13,7 @@ import pytest
 import torch
 from made_chains import make_encoder, make_signal
 from neurotact_parts.networks.saving import choice, save, trial, ways
+from neurotact_parts.networks.saving import folder as points
 from neurotact_parts.networks.saving.choice import found, interval
 from neurotact_parts.networks.saving.proposals import WHOLE, Asked, key_of, next_batch, next_finalist
 from neurotact_parts.networks.saving.start import Start, start_of
@@ -28,6 +29,7 @@ from neurotact.encoders.encoding import encode_recordings
 from neurotact.encoders.specs import load
 from neurotact.errors import InputError
 from neurotact.networks.definition.specs import RSNNSpec
+from neurotact.networks.exit.rule import FULL_WINDOW
 from neurotact.networks.training import run_folder, trainer
 from neurotact.networks.training.tasks import Task
 
@@ -244,6 +246,16 @@ def test_others_validate_a_point_that_was_chosen(run):
         assert {*other.train} | {*other.validation} == {*split.train} | {*split.validation}
         assert not {*other.train} & {*other.validation}
     assert not {*second.validation} & {*third.validation}
+
+
+def test_copies_of_a_test_trial_are_one(run, monkeypatch):
+    start = start_of(run)
+    own = points._right(start.base, FULL_WINDOW, start)
+    assert [*own] == start.bench.split.test.tolist()
+    monkeypatch.setattr(points, "copies_of", lambda trains: SimpleNamespace(first=np.arange(N) // 4 * 4))
+    once = points._right(start.base, FULL_WINDOW, start)
+    assert [*once] == sorted({trial // 4 * 4 for trial in own})
+    assert once == {one: np.mean([own[trial] for trial in own if trial // 4 * 4 == one]) for one in once}
 
 
 def test_groups_are_not_torn_apart_for_other_validation(run):

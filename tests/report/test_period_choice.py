@@ -309,3 +309,11 @@ def test_splits_of_unequal_sizes_count_as_their_mean(monkeypatch):
     n_train, n_test, trials = run._sizes([0, 1])
     assert (n_test / n_train, trials) == (12 / 24, 6.0)
     assert run._replace(trains=None)._sizes([0, 1]) == (1, 1, 1.0)
+
+
+@pytest.mark.parametrize("splits", [(), ("split.fold",)])
+def test_no_more_than_all_is_saved(splits):
+    both = pd.DataFrame({"whole_sops of other": [100.0] * 3, "whole_sops": [10.0, 90.0, 50.0], "split.fold": [0, 1, 2]})
+    found = Comparison(both, lambda row: None, splits, (20, 10, 10.0))._saved(both, "whole_sops")
+    assert found is not None
+    assert found.low < 0 < found.mean < found.high == 1
