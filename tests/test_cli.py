@@ -1195,7 +1195,7 @@ def test_info_says_when_the_touch_begins(neurotact, tmp_path):
     for begin, path in ((45, tmp_path / "rest.h5"), (0, tmp_path / "contact.h5")):
         signals[:, begin:] += rng.normal(0, 5, (12, 1, 2))
         save_recordings(Recordings(signals, 100.0, "mV", {"label": ["felt", "silk"] * 6}), path)
-    said = "the touch begins about 450 ms after the start of a trial (neurotact train ... --start-ms ...)\n"
+    said = "the touch begins about 450 ms after the start of a trial (neurotact train ... --start-ms VALUE)\n"
     assert said in neurotact("info", tmp_path / "rest.h5")[1]
     assert "the touch begins" not in neurotact("info", tmp_path / "contact.h5")[1]
 

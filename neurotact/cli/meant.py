@@ -37,10 +37,10 @@ def _keys(context: Any, parameters: dict[str, Any]) -> list[str]:
 
 
 def _value_of(option: str, words: Sequence[str]) -> str:
-    """The value that is typed after an option; `...` without one."""
+    """The value that is typed after an option; the place for one without any."""
     for word, after in zip(words, [*words[1:], "-"], strict=True):
         if word.startswith(f"{option}="):
             return word.removeprefix(f"{option}=")
         if word == option:
-            return "..." if after.startswith("-") and not after[1:2].isdigit() else after
-    return "..."
+            return "VALUE" if after.startswith("-") and not after[1:2].isdigit() else after
+    return "VALUE"

@@ -261,7 +261,7 @@ def replaced(name, value):
         (replaced("signals/lengths", b"x"), "cannot be read as recordings"),
         (replaced("signals/values", np.ones(7)), "trial 0 has shape (4,)"),
         (replaced("signals/values", np.full((7, 2), np.nan)), "trial 0, sample 0, taxel1 is NaN"),
-        (replaced("conditions/label", ["felt"]), "2 trials but 1 rows of conditions"),
+        (replaced("conditions/label", ["felt"]), "2 trials but 1 row of conditions"),
         (lambda f: f["conditions"].attrs.update(columns="[]"), "has no column 'label'"),
     ],
 )

@@ -259,12 +259,12 @@ def test_results_in_words_tell_what_a_threshold_was_chosen_on_and_the_operating_
         f"chosen on 900 s without training, with 2 false alarms there (95 % interval {low:.3g} to {high:.3g}"
         in lines[2]
     )
-    curve, points = tables["operating_curve.csv"], re.findall(r"(\d+)% at ([\d.e+]+) \((\d+) ms\)", lines[3])
+    curve, points = tables["operating_curve.csv"], re.findall(r"(\d+)% at ([\d.,]+) \((\d+) ms\)", lines[3])
     assert len(points) > 2
     for share, rate, delay in points:
         enough = curve[curve["hit_share"] >= int(share) / 100]
         best = enough[enough["false_alarms_per_h"] == enough["false_alarms_per_h"].min()]
-        assert float(rate) == pytest.approx(best["false_alarms_per_h"].iloc[0], rel=0.01)
+        assert float(rate.replace(",", "")) == pytest.approx(best["false_alarms_per_h"].iloc[0], rel=0.01)
         assert float(delay) == pytest.approx(best["delay_ms"].iloc[0], abs=0.51)
     unknown = DetectorSpec(threshold=0.5, steps=1)
     assert not [line for line in detector.judged(trains, recordings, unknown)[2] if line.startswith("threshold")]

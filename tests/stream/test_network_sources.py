@@ -180,7 +180,7 @@ def test_a_silent_stream_of_lsl_stalls_once(monkeypatch):
 @pytest.mark.parametrize(
     ("stream", "said"),
     [
-        ({"n_channels": 3}, "has 3 channels where 2 taxels are expected"),
+        ({"n_channels": 3}, "has 3 channels where 2 taxels should be; give these"),
         ({"rate_Hz": 980.0}, r"comes at 980 Hz, but 1000 Hz are expected; give `sampling_rate_Hz=980`"),
         ({"channel_format": 3}, "sends texts, not numbers"),
         ({"labels": ("left", "middle")}, "has the taxel 'middle' where left, right are expected"),

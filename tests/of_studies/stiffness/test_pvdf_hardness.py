@@ -142,7 +142,7 @@ def test_a_file_that_is_no_archive_is_refused(tmp_path):
 def test_tables_of_another_shape_are_refused(tmp_path):
     place = write_lvm(tmp_path)
     (place / FORCE).write_bytes((place / VOLTAGE).read_bytes())
-    refused(tmp_path, f"{FORCE}: line 2 has 8 columns where 1 are expected")
+    refused(tmp_path, f"{FORCE}: line 2 has 8 columns where 1 is expected")
     (place / FORCE).write_text("0.5\n0.6\n")
     refused(tmp_path, f"{FORCE}: line 1 holds numbers instead of the header")
     (place / FORCE).write_text(HEADER)

@@ -265,7 +265,7 @@ def test_the_error_of_a_rival_is_over_all_windows_of_unequal_folds(numbers):
     rows = rows.assign(n_test=[2, 10], rmse_force_N=[1.0, 3.0])
     trials = pd.DataFrame({"baseline": [0, 0], "side": ["validation", "test"], "trial": [0, 1], "right": [0.5, 0.5]})
     tables = {"baselines": rows, "baselines_trials": trials}
-    (rival,) = rivals_of(tables, numbers.study, ["force_N"])
+    (rival,) = rivals_of(tables, numbers.study, ["force_N"], rows.iloc[0].to_dict())
     assert rival.found["rmse_force_N"] == pytest.approx(((2 * 1 + 10 * 9) / 12) ** 0.5)
 
 
