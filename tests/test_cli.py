@@ -1101,7 +1101,7 @@ def test_a_file_of_ones_own_is_one_command_for_ways_to_save(neurotact, tmp_path,
     assert code == 0, out + err
     assert "Window: 100 ms (as given)" in caplog.text
     assert "a first look" in err
-    assert "nothing saved" in out
+    assert "Nothing was learned, so no saving means anything" in out
     assert f"{tmp_path / 'run' / 'report.html'}\n" in out
     code, again, _ = neurotact("study", "report", tmp_path / "run", "--json")
     assert code == 0

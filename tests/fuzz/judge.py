@@ -19,6 +19,7 @@ import time
 import traceback
 import warnings
 from collections.abc import Mapping, Sequence
+from contextlib import nullcontext
 from itertools import pairwise
 from pathlib import Path
 from typing import NamedTuple
@@ -27,6 +28,7 @@ import mutations
 import numpy as np
 from processes import descendants
 
+from neurotact import workers
 from neurotact.data import hdf5
 
 ROOT = Path(__file__).parents[2]
@@ -198,6 +200,7 @@ def _fork_workers() -> None:
     """Workers are forked from the command itself: they inherit the imports that another start takes seconds for."""
     contexts = multiprocessing.context._concrete_contexts  # type: ignore[attr-defined]
     contexts["spawn"] = contexts["forkserver"] = contexts["fork"]
+    workers.beginning = lambda modules: nullcontext()  # a server for none: it would load all that once more
     os.register_at_fork(after_in_child=lambda: signal.signal(signal.SIGTERM, signal.SIG_DFL))  # as in a new process
 
 
