@@ -74,6 +74,21 @@ def first(cells: Sequence[str]) -> list[list[float]]:
 # --- kinds of pictures --------------------------------------------------------------------------------
 
 
+def stacked(parts: Sequence[tuple[str, str, pd.Series]], words: str, height_in: float) -> Figure:
+    """A bar for each name, of parts end to end. parts: words, colour and values by name of each."""
+    figure = new_figure(height_in, WIDTH_in)
+    axes = figure.subplots()
+    left = pd.Series(0, index=parts[0][2].index)
+    for label, colour, values in parts:
+        axes.barh(values.index, values, left=left, color=colour, label=label)
+        left = left + values
+    axes.invert_yaxis()
+    axes.set_xlabel(words)
+    axes.grid(axis="x")
+    add_legend(figure, [axes], 3)
+    return figure
+
+
 def rows_of_dots(
     panels: Mapping[str, Mapping[str, Marks]],
     names: Sequence[str],
@@ -213,18 +228,10 @@ def texture_claims(table: pd.DataFrame) -> Figure:
     }
     verdicts = table["verdict"].str.extract(r"^(\w+)")[0]
     names = list(dict.fromkeys(table["study"]))
-    figure = new_figure(2.4, WIDTH_in)
-    axes = figure.subplots()
-    left = pd.Series(0, index=names)
-    for verdict, (words, colour) in shades.items():
-        count = table[verdicts == verdict].groupby("study").size().reindex(names, fill_value=0)
-        axes.barh(names, count, left=left, color=colour, label=words)
-        left += count
-    axes.invert_yaxis()
-    axes.set_xlabel("claims")
-    axes.grid(axis="x")
-    add_legend(figure, [axes], 3)
-    return figure
+    counts = {
+        verdict: table[verdicts == verdict].groupby("study").size().reindex(names, fill_value=0) for verdict in shades
+    }
+    return stacked([(*shades[verdict], count) for verdict, count in counts.items()], "claims", 2.4)
 
 
 @picture("benchmarks", "benchmark-training-step")
@@ -400,19 +407,12 @@ def savings(table: pd.DataFrame) -> Figure:
 def scale_workers(table: pd.DataFrame) -> Figure:
     table = table[table["what"].str.contains("cells|before|after")]
     ways = list(table.columns[1:])
-    figure = new_figure(1.9, WIDTH_in)
-    axes = figure.subplots()
-    left = pd.Series(0.0, index=ways)
     order = ("before: start, simulation, six encodings", "the cells, first to last", "after: tables, figures, report")
+    parts = []
     for what, colour in zip(order, ("#d9d9d9", "#0072B2", "#a9cfe6"), strict=True):
         seconds = pd.Series([numbers(cell)[0] for cell in table[table["what"] == what][ways].iloc[0]], index=ways)
-        axes.barh(ways, seconds, left=left, color=colour, label=what.split(":")[0].split(",")[0])
-        left += seconds
-    axes.invert_yaxis()
-    axes.set_xlabel("seconds")
-    axes.grid(axis="x")
-    add_legend(figure, [axes], 3)
-    return figure
+        parts.append((what.split(":")[0].split(",")[0], colour, seconds))
+    return stacked(parts, "seconds", 1.9)
 
 
 @picture("untrained-remedies", "untrained-remedies")

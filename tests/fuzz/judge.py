@@ -200,7 +200,7 @@ def _fork_workers() -> None:
     """Workers are forked from the command itself: they inherit the imports that another start takes seconds for."""
     contexts = multiprocessing.context._concrete_contexts  # type: ignore[attr-defined]
     contexts["spawn"] = contexts["forkserver"] = contexts["fork"]
-    workers.beginning = lambda modules: nullcontext()  # a server for none: it would load all that once more
+    workers.beginning = lambda modules: nullcontext()  # no server, which would load every module again
     os.register_at_fork(after_in_child=lambda: signal.signal(signal.SIGTERM, signal.SIG_DFL))  # as in a new process
 
 

@@ -300,6 +300,14 @@ def check_width(where: str | Path, n_channels: int) -> None:
         )
 
 
+def has_columns(found: int, expected: int) -> str:
+    """
+    >>> has_columns(1, 3), has_columns(8, 1)
+    ('has 1 column where 3 are expected', 'has 8 columns where 1 is expected')
+    """
+    return f"has {number_of(found, 'column')} where {expected} {'is' if expected == 1 else 'are'} expected"
+
+
 def columns_at(table: Table, places: Sequence[int], texts: Collection[int] = ()) -> list[np.ndarray]:
     """The columns at these places: numbers if all of their cells are, and no place is among `texts`; else texts.
 
@@ -459,8 +467,8 @@ def _check_rows(table: Table) -> None:
         if COMMENT.match(row[0]):
             raise InputError(f"{table.path}: line {line} is a comment, {row[0][:40]!r}; remove the line")
         raise InputError(
-            f"{table.path}: line {line} has {number_of(len(row), 'column')} where {expected} "
-            f"{'is' if expected == 1 else 'are'} expected; remove the line, or give every line the same columns"
+            f"{table.path}: line {line} {has_columns(len(row), expected)}; remove the line, or give every line the "
+            "same columns"
         )
 
 

@@ -24,12 +24,13 @@ from neurotact.data.readers.table.cells import (
     Decimal,
     Table,
     cells,
+    has_columns,
     has_decimal_commas,
     is_value,
     splits_thousands,
 )
 from neurotact.data.readers.table.texts import read_any_text
-from neurotact.errors import InputError, number_of, some
+from neurotact.errors import InputError, some
 
 log = logging.getLogger("neurotact")
 
@@ -426,8 +427,8 @@ def _check_others(head: _Head, usual: _UsualRow, samples: _Line, option: str, pa
         if usual.separator in (",", BLANKS) and splits_thousands(usual.cells, len(row)):
             fix = "write numbers without separators of thousands and with decimal points, or name each column"
         raise InputError(
-            f"{path}: line {samples.number} has {usual.n_columns} columns where {len(row)} are expected, the names in "
-            f"line {line.number}; {fix}"
+            f"{path}: line {samples.number} {has_columns(usual.n_columns, len(row))}, the names in line {line.number}; "
+            f"{fix}"
         )
     first = head.others[0]
     which = f"line {first.number} is" if len(apart) == 1 else f"lines {first.number} to {line.number} are"
@@ -449,7 +450,7 @@ def _fault_of(row: Sequence[str], n_columns: int) -> str:
         fix = "; write numbers without separators of thousands and with decimal points"
     elif len(row) > n_columns:
         fix = "; give all lines the same columns"
-    return f"has {number_of(len(row), 'column')} where {n_columns} {'is' if n_columns == 1 else 'are'} expected{fix}"
+    return f"{has_columns(len(row), n_columns)}{fix}"
 
 
 def _hint(usual: _UsualRow, n_names: int) -> str:
