@@ -17,17 +17,27 @@ package is loaded before its modules: where parts of pandas come first, it crash
 
 
 class _Late(ModuleType):
-    """A module that is loaded when anything else than `KNOWN` is asked for; other threads wait until it is."""
+    """A module that is loaded when anything else than `KNOWN` is asked for or set; other threads wait until it is."""
 
     def __getattribute__(self, name: str) -> Any:
-        known = super().__getattribute__
         if name not in KNOWN:
-            late: _LateLoader = known("__loader__")
-            with late.lock:
-                if not late.has_begun:
-                    late.has_begun = True
-                    late.load(self)
-        return known(name)
+            _load(self)
+        return ModuleType.__getattribute__(self, name)
+
+    def __setattr__(self, name: str, value: Any) -> None:
+        if name not in KNOWN:
+            _load(self)  # which would set it back later
+        ModuleType.__setattr__(self, name, value)
+
+
+def _load(module: ModuleType) -> None:
+    late = object.__getattribute__(module, "__loader__")
+    if not isinstance(late, _LateLoader):  # another thread has loaded it
+        return
+    with late.lock:
+        if not late.has_begun:
+            late.has_begun = True
+            late.load(module)
 
 
 class _LateLoader(Loader):

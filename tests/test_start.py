@@ -128,6 +128,14 @@ assert not [finder for finder in sys.meta_path if "neurotact.lazily" in str(type
     subprocess.run([sys.executable, "-c", script], cwd=tmp_path, check=True)
 
 
+def test_what_is_set_on_a_module_that_is_put_off_stays():
+    script = (
+        "from neurotact.lazily import lazily\nwith lazily():\n    from neurotact import neurons\n"
+        "neurons.LIF = 5\nprint(neurons.LIF, neurons.__name__, neurons.LIF)"
+    )
+    assert printed(script) == "5 neurotact.neurons 5\n"
+
+
 def test_a_module_that_fails_to_load_fails_where_it_is_used_and_is_tried_again(tmp_path):
     script = """
 import pathlib
