@@ -1,8 +1,10 @@
 """Pictures of the pages, drawn from the tables beside them: python benchmarks/pictures.py [NAME...]
 
-`docs/images/NAME.png` is drawn from `docs/data/TABLE.csv`; its description holds the hash of that table.
+`docs/images/NAME.png` is drawn from tables of `docs/data`, or shows an idea; its description holds their hash, or that
+of the code that draws the idea.
 """
 
+import inspect
 import re
 import sys
 from collections.abc import Callable, Mapping, Sequence
@@ -10,38 +12,53 @@ from hashlib import sha256
 from pathlib import Path
 from typing import NamedTuple
 
+import numpy as np
 import pandas as pd
 from matplotlib import rc_context
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.ticker import FuncFormatter, MaxNLocator, NullLocator
 from PIL import Image, PngImagePlugin
+from torch import linspace
 
-from neurotact.figures.style import MUTED, RC, add_legend, new_figure, save, series_style
+from neurotact.figures.style import MUTED, PALE, RC, add_legend, new_figure, series_style
+from neurotact.metrics.shares import wilson_interval
+from neurotact.networks.definition.surrogate import FastSigmoid, fast_sigmoid
 
 DOCS = Path(__file__).parents[1] / "docs"
-WIDTH_in = 5.4
-"""Narrower than print, so that a phone shows letters that can be read."""
+WIDTH_in, DPI = 4.2, 175
+"""Narrower than print: the smallest letters have 9 pixels on a phone of 400, and about those of the text elsewhere."""
+LEGEND = 66
+"""Letters in a line of a legend."""
 Marks = Sequence[Sequence[float]]
 """The values of each row; several are single splits, seeds or settings."""
-Draw = Callable[[pd.DataFrame], Figure]
+Draw = Callable[..., Figure]
 
 
 class Picture(NamedTuple):
-    """What is drawn, and from which table."""
+    """What is drawn, and from which tables; an idea has none."""
 
-    table: str
+    tables: tuple[str, ...]
     draw: Draw
+
+    def figure(self) -> Figure:
+        """The picture of its tables as they are now."""
+        return self.draw(*map(read, self.tables))
+
+    def hash(self) -> str:
+        """What its file holds."""
+        of = b"".join((DOCS / "data" / f"{table}.csv").read_bytes() for table in self.tables)
+        return sha256(of or inspect.getsource(self.draw).encode()).hexdigest()
 
 
 PICTURES: dict[str, Picture] = {}
 
 
-def picture(name: str, table: str) -> Callable[[Draw], Draw]:
-    """A function that draws `docs/images/NAME.png` from `docs/data/TABLE.csv`."""
+def picture(name: str, *tables: str) -> Callable[[Draw], Draw]:
+    """A function that draws `docs/images/NAME.png` from each `docs/data/TABLE.csv`."""
 
     def kept(draw: Draw) -> Draw:
-        PICTURES[name] = Picture(table, draw)
+        PICTURES[name] = Picture(tables, draw)
         return draw
 
     return kept
@@ -50,11 +67,6 @@ def picture(name: str, table: str) -> Callable[[Draw], Draw]:
 def read(table: str) -> pd.DataFrame:
     """A table of docs/data, as text."""
     return pd.read_csv(DOCS / "data" / f"{table}.csv", dtype=str, keep_default_na=False)
-
-
-def hash_of(table: str) -> str:
-    """The hash that a picture of this table holds."""
-    return sha256((DOCS / "data" / f"{table}.csv").read_bytes()).hexdigest()
 
 
 def numbers(cell: str) -> list[float]:
@@ -74,6 +86,32 @@ def first(cells: Sequence[str]) -> list[list[float]]:
 # --- kinds of pictures --------------------------------------------------------------------------------
 
 
+def legend(figure: Figure, panels: Sequence[Axes]) -> None:
+    """One legend above all panels, in as many columns as there is room for."""
+    names = list(dict.fromkeys(name for axes in panels for name in axes.get_legend_handles_labels()[1]))
+    columns = len(names)
+    while columns > 1 and sum(map(letters, np.array_split(names, columns))) > LEGEND:
+        columns -= 1
+    add_legend(figure, panels, columns)
+
+
+def letters(names: Sequence[str]) -> int:
+    """The width of a column of a legend, with the marks.
+
+    >>> letters(["a", "ten\nletters"])
+    13
+    """
+    return 6 + max(len(line) for name in names for line in name.split("\n"))
+
+
+def of_all(figure: Figure, panels: Sequence[Axes], words: str) -> None:
+    """What all x axes have, once: below a single panel, or below all of them."""
+    if len(panels) == 1:
+        panels[0].set_xlabel(words)
+    else:
+        figure.supxlabel(words, fontsize=RC["axes.labelsize"])
+
+
 def stacked(parts: Sequence[tuple[str, str, pd.Series]], words: str, height_in: float) -> Figure:
     """A bar for each name, of parts end to end. parts: words, colour and values by name of each."""
     figure = new_figure(height_in, WIDTH_in)
@@ -85,7 +123,7 @@ def stacked(parts: Sequence[tuple[str, str, pd.Series]], words: str, height_in: 
     axes.invert_yaxis()
     axes.set_xlabel(words)
     axes.grid(axis="x")
-    add_legend(figure, [axes], 3)
+    legend(figure, [axes])
     return figure
 
 
@@ -106,7 +144,7 @@ def rows_of_dots(
     n_rows = -(-len(panels) // columns)
     figure = new_figure(0.75 + n_rows * (0.55 + 0.21 * len(names)), WIDTH_in)
     grid = figure.subplots(n_rows, columns, squeeze=False, sharey=True).ravel().tolist()
-    labels = [words] * len(panels) if isinstance(words, str) else words
+    labels = [""] * len(panels) if isinstance(words, str) else words
     for axes, (title, series), label in zip(grid, panels.items(), labels, strict=False):
         for index, (name, marks) in enumerate(series.items()):
             style = series_style(index)
@@ -123,11 +161,13 @@ def rows_of_dots(
         if is_log:
             plain_powers(axes)
         else:
-            axes.xaxis.set_major_locator(MaxNLocator(5))
+            axes.xaxis.set_major_locator(MaxNLocator(5 if columns == 1 else 3))
     for spare in grid[len(panels) :]:
         spare.remove()
+    if isinstance(words, str):
+        of_all(figure, grid[: len(panels)], words)
     if max(map(len, panels.values())) > 1:
-        add_legend(figure, grid[: len(panels)], 4 if len("".join(next(iter(panels.values())))) < 60 else 2)
+        legend(figure, grid[: len(panels)])
     return figure
 
 
@@ -139,13 +179,13 @@ def plain_powers(axes: Axes) -> None:
 
 def lines(panels: Mapping[str, Mapping[str, Sequence[tuple[float, float, float]]]], x: str, y: str) -> Figure:
     """A panel for each title, a line for each series of `(x, y, deviation)`; `y` may be logarithmic: "log ..."."""
-    figure = new_figure(2.9, WIDTH_in)
+    figure = new_figure(2.6, WIDTH_in)
     grid = figure.subplots(1, len(panels), squeeze=False, sharey=not y.startswith("log ")).ravel().tolist()
     for axes, (title, series) in zip(grid, panels.items(), strict=True):
         for index, (name, points) in enumerate(series.items()):
             at, mean, deviation = zip(*points, strict=True)
             axes.errorbar(at, mean, deviation, ms=4.5, lw=1.2, capsize=2, label=name, **series_style(index))
-        axes.set(title=title, xlabel=x, ylabel=y.removeprefix("log "))
+        axes.set(title=title)
         if y.startswith("log "):
             axes.set_yscale("log")
             low, high = axes.get_ylim()
@@ -153,7 +193,9 @@ def lines(panels: Mapping[str, Mapping[str, Sequence[tuple[float, float, float]]
             axes.yaxis.set_major_formatter(FuncFormatter(lambda value, _: f"{value:g}"))
             axes.yaxis.set_minor_locator(NullLocator())
         axes.grid()
-    add_legend(figure, grid, 4)
+    grid[0].set_ylabel(y.removeprefix("log "))
+    of_all(figure, grid, x)
+    legend(figure, grid)
     return figure
 
 
@@ -263,8 +305,8 @@ def which_encoder(table: pd.DataFrame) -> Figure:
     names = list(fabrics.groupby("encoder")["best"].max().sort_values(ascending=False).index)
     panels, words = {}, []
     for kind, column, label in (
-        ("", "network (%)", "accuracy (%)"),
-        (", energy", "energy (nJ)", "nJ a decision"),
+        ("", "network (%)", "accuracy\n(%)"),
+        (" ", "energy (nJ)", "energy\n(nJ)"),
     ):
         for name, rows in table.groupby("set", sort=False):
             by_encoder = rows.groupby("encoder")[column].apply(lambda cells: [float(cell) for cell in cells])
@@ -274,11 +316,11 @@ def which_encoder(table: pd.DataFrame) -> Figure:
     for axes in figure.axes[4:]:
         axes.set_xscale("log")
         axes.set_xlim(100, 60000)
-        axes.set_xticks([100, 1000, 10000], ["100", "1k", "10k"])
+        axes.set_xticks([100, 10000], ["100", "10k"])
         axes.xaxis.set_minor_formatter("")
     for axes in figure.axes[:4]:
         axes.set_xlim(40, 100)
-        axes.set_xticks([40, 60, 80, 100])
+        axes.set_xticks([40, 70, 100])
     return figure
 
 
@@ -355,11 +397,12 @@ def numbers_of_a_touch(table: pd.DataFrame) -> Figure:
             axes.plot(
                 rows[of_kind]["nJ"], rows[of_kind]["score"], ls="", ms=5, label=words, **series_style((0, 1, 4)[index])
             )
-        axes.set(title=title, xscale="log", xlim=(5, 2e5), ylim=(0.5, 1.02), xlabel="nJ a decision")
+        axes.set(title=title, xscale="log", xlim=(5, 2e5), ylim=(0.5, 1.02))
         axes.set_xticks([10, 1000, 100000], ["10", "1k", "100k"])
         axes.grid()
     grid[0].set_ylabel("score on test windows")
-    add_legend(figure, grid, 3)
+    of_all(figure, grid, "nJ a decision")
+    legend(figure, grid)
     return figure
 
 
@@ -379,11 +422,13 @@ def own_three_sets(table: pd.DataFrame) -> Figure:
             if points:
                 accuracy, energy = zip(*points, strict=True)
                 axes.plot(energy, accuracy, ls="", ms=5, label=words, **series_style(index))
-        axes.set(title=name.rpartition(",")[0], xscale="log", xlim=(5, 2000), xlabel="nJ a decision")
-        axes.set_xticks([10, 100, 1000], ["10", "100", "1,000"])
+        title = name.rpartition(",")[0].replace(" at", "\nat").replace(", ", ",\n")
+        axes.set(title=title, xscale="log", xlim=(5, 2000))
+        axes.set_xticks([10, 100, 1000], ["10", "100", "1k"])
         axes.grid()
     grid[0].set_ylabel("test accuracy (%)")
-    add_legend(figure, grid, 2)
+    of_all(figure, grid, "nJ a decision")
+    legend(figure, grid)
     return figure
 
 
@@ -432,14 +477,58 @@ def untrained_remedies(table: pd.DataFrame) -> Figure:
     )
 
 
+@picture("public-scores", "published-scores", "public-scores")
+def public_scores(published: pd.DataFrame, own: pd.DataFrame) -> Figure:
+    ours = own.set_index("set").loc[:, ["accuracy", "low", "high"]].astype(float) * 100
+    rows = [ours.loc[name].tolist() if name in ours.index else [] for name in published["ours"]]
+    series = {"published": [numbers(cell) for cell in published["published (%)"]], "ours": [row[:1] for row in rows]}
+    names = [name.replace(" (P(VDF-TrFE))", "") for name in published["set"]]
+    return rows_of_dots({"": series}, names, "test accuracy (%)", intervals={("", "ours"): [row[1:] for row in rows]})
+
+
+# --- drawings of an idea ------------------------------------------------------------------------------
+
+
+@picture("surrogate-gradient")
+def surrogate_gradient() -> Figure:
+    figure = new_figure(2.5, WIDTH_in)
+    panels = figure.subplots(1, 2).tolist()
+    membrane = linspace(-0.5, 0.5, 401)
+    panels[0].plot(membrane, FastSigmoid()(membrane), color=series_style(0)["color"], label="real")
+    panels[1].axhline(0, color=series_style(0)["color"])
+    for index, (words, scale) in enumerate({"surrogate": 10.0, "steeper surrogate": 40.0}.items(), 3):
+        panels[1].plot(membrane, fast_sigmoid(membrane, scale), color=series_style(index)["color"], label=words)
+    for axes, title in zip(panels, ("forward: a spike", "backward: its slope"), strict=True):
+        axes.set(title=title, xticks=[0], xticklabels=["threshold"], yticks=[0, 1])
+        axes.grid()
+    of_all(figure, panels, "membrane")
+    legend(figure, panels)
+    return figure
+
+
+@picture("test-trials")
+def interval_by_trials() -> Figure:
+    figure = new_figure(2.5, WIDTH_in)
+    axes = figure.subplots()
+    trials, share = np.unique(np.geomspace(10, 3000, 200).astype(int)), 0.9
+    low, high = 100 * np.array([wilson_interval(share, n) for n in trials.tolist()]).T
+    axes.fill_between(trials, low, high, color=PALE, label="95 % interval")
+    axes.axhline(100 * share, color=series_style(0)["color"], label="what the test shows")
+    axes.set(xscale="log", ylabel="accuracy (%)", ylim=(50, 100), xlim=(10, 3000))
+    axes.set_xlabel("test trials")
+    plain_powers(axes)
+    axes.grid()
+    legend(figure, [axes])
+    return figure
+
+
 def draw(name: str) -> None:
-    """Write a picture, with the hash of its table."""
+    """Write a picture, with its hash."""
+    path = DOCS / "images" / f"{name}.png"
     with rc_context(RC):
-        figure = PICTURES[name].draw(read(PICTURES[name].table))
-        path = DOCS / "images" / f"{name}.png"
-        save(figure, path)
+        PICTURES[name].figure().savefig(path, dpi=DPI)
     held = PngImagePlugin.PngInfo()
-    held.add_text("Description", hash_of(PICTURES[name].table))
+    held.add_text("Description", PICTURES[name].hash())
     with Image.open(path) as image:
         image.load()
         image.convert("RGB").quantize(64).save(path, pnginfo=held, optimize=True)

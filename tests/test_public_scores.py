@@ -44,6 +44,13 @@ def test_a_published_score_has_a_source(row):
     assert re.search(r"\]\(https://\S+\)", row["whose, size, hardware"])
 
 
+def test_the_picture_has_the_published_scores_of_the_table():
+    drawn = pd.read_csv(DOCS / "data" / "published-scores.csv", dtype=str, keep_default_na=False)
+    assert drawn["set"].tolist() == [row["set, classes"] for row in SCORES]
+    assert drawn["published (%)"].tolist() == [row["published"] for row in SCORES]
+    assert {own: name for name, own in drawn[["set", "ours"]].to_numpy() if own} == NAMES
+
+
 def test_nothing_is_set_where_the_page_says_so():
     assert "nothing set" in PAGE
     assert not re.search(r"^neurotact (train|encode|calibrate) .*--(set|network|seed|window)", PAGE, re.MULTILINE)

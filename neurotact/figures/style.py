@@ -186,10 +186,12 @@ def _as_shown(words: str, longest: int) -> str:
 
 
 def add_legend(figure: Figure, panels: Iterable[Axes], ncols: int, **kwargs: Any) -> None:
-    """One legend above all panels, with each label once."""
+    """One legend above all panels, with each label once; the colour of a thin line is seen in it."""
     legends = [axes.get_legend_handles_labels() for axes in panels]
     handles = {label: handle for both in legends for handle, label in zip(*both, strict=True)}
-    figure.legend(list(handles.values()), list(handles), loc="outside upper center", ncols=ncols, **kwargs)
+    added = figure.legend(list(handles.values()), list(handles), loc="outside upper center", ncols=ncols, **kwargs)
+    for line in added.get_lines():
+        line.set_linewidth(max(line.get_linewidth(), RC["lines.linewidth"]))
 
 
 def bars(mean: Any, deviation: Any, whole: float | None = 100.0) -> np.ndarray:

@@ -17,7 +17,7 @@ from neurotact.report.wording import count, scale, spread
 from neurotact.spec import to_toml
 from neurotact.studies import way_cells
 from neurotact.studies.store import ANSWER, is_done
-from neurotact.studies.way import Listed, Named, View, module_of, optional
+from neurotact.studies.way import ALL_SETS, Listed, Named, View, module_of, optional
 from neurotact.studies.way_study import WayStudy, cells
 from neurotact.tables import means_over, read_table, write_table
 
@@ -86,7 +86,12 @@ class _Told(NamedTuple):
         tables = self.tables if self.named else {front.setting: front.tables for front in fronts}
         return {
             "answers": [
-                {"dataset": name, "headline": one.headline, "details": [*one.details]}
+                {
+                    "dataset": name,
+                    "headline": one.headline,
+                    "details": [*one.details],
+                    "next": {"words": one.next[0], "commands": [*one.next[1]]},
+                }
                 for name, one in self.named.items()
             ]
             or [front.in_words() for front in fronts],
@@ -148,7 +153,10 @@ def seen(
     tables, named: of an answer by its setting, in place of the table of the best of each kind and of its sentences.
     """
     return {
-        "fronts": [_front(one, tables.get(one.setting), named.get(one.setting)) for one in answers],
+        "fronts": [
+            *_of_every(answers, tables, named),
+            *(_front(one, tables.get(one.setting), named.get(one.setting)) for one in answers),
+        ],
         "n_rows": int(means["rows"].sum()),
         "note": view.note,
         "costs": {column: view.measures[column] for column in _costs(means, view)},
@@ -159,9 +167,18 @@ def seen(
     }
 
 
+def _of_every(
+    answers: Sequence[WayAnswer], tables: Mapping[str, Sequence[Table]], named: Mapping[str, Named]
+) -> list[Front]:
+    """The first screen of all settings together, of a way that has one."""
+    every = [_front(answers[0], tables[ALL_SETS], named[ALL_SETS])] if ALL_SETS in named else []
+    return [front._replace(setting=ALL_SETS) for front in every]
+
+
 def _drawn(answers: Sequence[WayAnswer], named: Mapping[str, Named]) -> dict[str, Any]:
     """What the page draws of each answer: best and cheapest point, guessing in the unit of the axis, what has names."""
-    return {
+    every = {ALL_SETS: {"named": named[ALL_SETS].what, "is_joined": True}} if ALL_SETS in named else {}
+    return every | {
         one.setting: {
             "best": one.best.index,
             "cheapest": one.cheapest.index,
@@ -215,13 +232,13 @@ def _front(one: WayAnswer, tables: Sequence[Table] | None, named: Named | None) 
     shown = tables or [first_screen.table_of_configurations(one)]
     if named is None:
         return Front(one.setting, one, first_screen.figures(one), [*sentences.details(one)], shown)
-    return Front(one.setting, one, [], [*named.details], shown, told=named.headline)
+    return Front(one.setting, one, [], [*named.details], shown, told=named.headline, next=named.next)
 
 
 def _page_data(means: pd.DataFrame, view: View, answers: Mapping[str, Named]) -> dict[str, Any]:
     """One point per configuration; series differ in what is named first beside the answer's setting.
 
-    Where an answer names points, labels are those of each cost.
+    Where an answer names points, labels are by its setting those of each cost.
     """
     factor = scale(view.measures[view.score])
     whole = 100.0 if factor > 1 else None
@@ -234,7 +251,7 @@ def _page_data(means: pd.DataFrame, view: View, answers: Mapping[str, Named]) ->
             "series": name_of(row[named[0]]),
             "costs": {column: _number(row[column]) for column in costs},
             "y": _number(factor * row[view.score]),
-            "labels": _labels(tuple(str(row[column]) for column in named), row, view, answers),
+            "labels": _labels(row, view, answers),
             "bar": bars(factor * row[view.score], factor * row[f"{view.score}_sd"], whole)[:, 0].tolist(),
         }
         for row in means.to_dict("records")
@@ -248,13 +265,14 @@ def _page_data(means: pd.DataFrame, view: View, answers: Mapping[str, Named]) ->
     }
 
 
-def _labels(
-    key: tuple[str, ...], row: Mapping[Any, Any], view: View, answers: Mapping[str, Named]
-) -> dict[str, str] | None:
-    """The names of a point by cost, without those by which it is not drawn; None where its answer names no points."""
-    one = answers.get(way_answer.setting_of([row[column] for column in view.apart], view))
-    labels = one.labels if one else {}
-    return {cost: texts[key] for cost, texts in labels.items() if key in texts} if labels else None
+def _labels(row: Mapping[Any, Any], view: View, answers: Mapping[str, Named]) -> dict[str, dict[str, str]]:
+    """The names of a point by answer and cost, without costs by which it is not drawn, and answers that name none."""
+    setting, found = way_answer.setting_of([row[column] for column in view.apart], view), {}
+    for name, apart in ((setting, view.apart), (ALL_SETS, ())):
+        key = tuple(str(row[column]) for column in view.by if column not in apart)
+        if name in answers and (labels := answers[name].labels):
+            found[name] = {cost: texts[key] for cost, texts in labels.items() if key in texts}
+    return found
 
 
 def _costs(means: pd.DataFrame, view: View) -> list[str]:

@@ -14,7 +14,7 @@ Other rooms take:
     study: Cell, PARTS, SPLIT, StudySpec, by_split, cells, encoder_columns, encoder_names, has_one_split,
         has_one_window, setting_columns, split_columns, swept_columns, to_toml, value_at
     sweeps: JOIN, values
-    way: HEADS, Listed, Named, View, module_of, optional
+    way: ALL_SETS, HEADS, Listed, Named, View, module_of, optional
     way_cells: load_arrays
     way_study: WayStudy, cells
 """

@@ -96,6 +96,11 @@ class Own(NamedTuple):
     notes: tuple[str, ...] = ()
 
 
+ALL_SETS = "all sets"
+"""The setting of an answer to all settings together, which comes first: its labels are by all values of `View.by`, and
+in its picture a line joins what is drawn of one setting."""
+
+
 class Listed(NamedTuple):
     """A table of the first screen.
 
@@ -113,13 +118,15 @@ class Named(NamedTuple):
 
     headline: one sentence. details: all others, which are folded. labels: for each column of a cost, the first shown
     first, the names of configurations by their values of `View.by` without `View.apart`; empty where the point has no
-    name, and missing where it is not drawn. what: has a name, in the words of the picture's legend.
+    name, and missing where it is not drawn. what: has a name, in the words of the picture's legend. next: what to do
+    then, and the commands.
     """
 
     headline: str
     details: Sequence[str] = ()
     labels: Mapping[str, Mapping[tuple[str, ...], str]] = {}
     what: str = "what the sentence and the table name"
+    next: tuple[str, Sequence[str]] = ("", ())
 
 
 class _Way(Protocol):

@@ -5,7 +5,7 @@ signals, or the events of an event-based sensor; those on counts also the spikes
 `ways_to_save`.
 """
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from typing import Any, Literal
 
 import numpy as np
@@ -31,8 +31,9 @@ from neurotact.networks.definition.specs import RSNNSpec
 from neurotact.report import sentences, way_answer
 from neurotact.report.way_answer import Configuration, WayAnswer
 from neurotact.report.ways import over_rows
+from neurotact.report.wording import count
 from neurotact.spec import Spec
-from neurotact.studies.way import Arrays, Listed, Named, View, heads
+from neurotact.studies.way import ALL_SETS, Arrays, Listed, Named, View, heads
 
 MODELS: dict[str, Literal["rsnn", "snn"]] = {"RSNN": "rsnn", "SNN": "snn"}
 COLUMNS = 3
@@ -126,29 +127,100 @@ def named(results: pd.DataFrame) -> dict[str, Named]:
         return {}
     found = way_answer.answers(over_rows(shown, VIEW), VIEW, shown)
     groups, priced = shown.groupby([*VIEW.apart], sort=False), rivals.ratios(results, VIEW)
-    return {
+    each = {
         one.setting: _named(one, rows, rivals.turns(priced[priced["setting"] == one.setting]))
         for one, (_, rows) in zip(found, groups, strict=True)
     }
+    then = _next(min(one.shown.rows for one in found))
+    if len(each) == 1:
+        return {name: one._replace(next=then) for name, one in each.items()}
+    every = _of_every({key: one for (key, _), one in zip(groups, found, strict=True)})
+    return {ALL_SETS: every._replace(next=then), **each}
 
 
 def tables(results: pd.DataFrame) -> dict[str, tuple[Listed, ...]]:
-    """Of each set and split the best of each kind, and the network beside its rivals by each price list."""
-    return rivals.tables(results, VIEW)
+    """Of each set and split the best of each kind, and the network beside its rivals by each price list.
+
+    Of all sets together, a row for each.
+    """
+    of_each, shown = rivals.tables(results, VIEW), of_run(results)
+    if len(of_each) < 2:
+        return of_each
+    found = way_answer.answers(over_rows(shown, VIEW), VIEW, shown)
+    rows = pd.DataFrame([_beside_rival(one) for one in found])
+    caption = "The network of each set and split, and the rival that its verdict rests on."
+    return {ALL_SETS: (Listed(caption, rows, range(len(rows))),), **of_each}
+
+
+def _beside_rival(found: WayAnswer) -> dict[str, str]:
+    """The row of a set among all sets."""
+    network, rival = found.shown, found.beside
+    assert rival is not None
+    gained = _gained(network, rival)
+    within = "" if np.isnan(gained.low) else f" ({100 * gained.low:+.1f} to {100 * gained.high:+.1f})"
+    return {
+        "set, split": found.setting,
+        "network": f"{network.kind} {_percent(network)}",
+        "rival": f"{rival.name} {_percent(rival)}",
+        "points more": f"{100 * gained.mean:+.1f}{within}",
+        "energy beside the rival": "-" if np.isnan(rival.cost) else f"{count(network.cost / rival.cost, 2)} times",
+    }
+
+
+def _of_every(found: Mapping[tuple[str, str], WayAnswer]) -> Named:
+    """All sets together: where the network is more or less accurate than its rival, and how many times its energy."""
+    every = [*found.values()]
+    seeds = min(one.shown.rows for one in every)
+    told = {kind: [one.setting for one in every if one.verdict is not None and one.verdict.kind == kind]
+            for kind in ("better", "worse")}  # fmt: skip
+    more, less = (
+        "all" if len(names) == len(every) else f"{len(names)} ({'; '.join(names)})" if names else "none"
+        for names in told.values()
+    )
+    said = f"the network is clearly more accurate than its rival on {more} and clearly less accurate on {less}"
+    if seeds < LEAST_SPLITS:
+        said = f"{fronts.in_seeds(seeds)} cannot tell whether spiking is worth it"
+    ratios = [one.shown.cost / one.beside.cost for one in every if one.beside is not None]
+    ends = dict.fromkeys(count(end(ratios), 2) for end in (min, max))
+    spent = f"it takes {' to '.join(ends)} times the rival's energy"
+    labels: dict[tuple[str, ...], str] = {}
+    for key, one in found.items():
+        assert one.beside is not None
+        labels |= {(*key, *one.beside.name.split(", ", 1)): "", (*key, *one.shown.name.split(", ", 1)): one.setting}
+    return Named(
+        f"Of {len(every)} sets and splits {said}; {spent}.",
+        [f"{one.setting}: {'; '.join(map(_words, _told(one)))}." for one in every],
+        dict.fromkeys((VIEW.cost, "signal_ms"), labels),
+    )
+
+
+def _next(seeds: int) -> tuple[str, list[str]]:
+    """What to do next, and its command."""
+    if seeds < LEAST_SPLITS:
+        return "Let all sets and splits tell:", ["neurotact study run real-sets -o runs/real-sets"]
+    return "Try what saves energy on these sets:", ["neurotact study run ways-to-save -o runs/ways-to-save"]
 
 
 def _named(found: WayAnswer, rows: pd.DataFrame, turns: str) -> Named:
-    told = {one.index: one for one in (found.shown, found.beside, found.cheapest) if one is not None}
-    names = {tuple(one.name.split(", ", 1)): f"{one.name} {_percent(one)}" for one in told.values()}
+    told = _told(found)
+    names = {tuple(one.name.split(", ", 1)): f"{one.name} {_percent(one)}" for one in told}
     keys = rows[["classifier", "input"]].drop_duplicates().itertuples(index=False, name=None)
     labels = {key: names.get(key, "") for key in keys}
-    details = [f"{'; '.join(map(_words, told.values()))}{fronts.afferents_in_words(rows)}."]
+    details = [f"{'; '.join(map(_words, told))}{fronts.afferents_in_words(rows)}."]
     if len(found.rivals) > 1 and not np.isnan(found.error):  # of one or two seeds it is not known
         details.append(f"Validation cannot tell {len(found.rivals)} rivals apart.")
     said = "the network, its rival and the cheapest within the error of the best"
     return Named(
-        _headline(found), [*details, *filter(None, [turns])], dict.fromkeys((VIEW.cost, "signal_ms"), labels), said
+        _headline(found),
+        [*details, *filter(None, [turns])],
+        dict.fromkeys((VIEW.cost, "signal_ms"), labels),
+        said,
     )
+
+
+def _told(found: WayAnswer) -> list[Configuration]:
+    """The network, its rival and the cheapest that is as good, each once."""
+    return [*{one.index: one for one in (found.shown, found.beside, found.cheapest) if one is not None}.values()]
 
 
 def _headline(found: WayAnswer) -> str:

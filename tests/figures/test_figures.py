@@ -269,3 +269,13 @@ def test_a_figure_brings_its_picture_along_without_pyplot():
     width, height = (int.from_bytes(picture[at : at + 4]) for at in (16, 20))
     assert (width, height) == (round(style.WIDTH_in * style.SHOWN_dpi), round(1.5 * style.SHOWN_dpi))
     assert not axes.title.get_parse_math()
+
+
+def test_a_thin_line_has_a_colour_that_is_seen_in_the_legend():
+    figure = style.new_figure(2.0)
+    axes = figure.subplots()
+    axes.plot([0, 1], lw=0.5, label="thin")
+    axes.plot([1, 0], lw=2.0, label="thick")
+    style.add_legend(figure, [axes], 2)
+    assert [line.get_linewidth() for line in figure.legends[0].get_lines()] == [style.RC["lines.linewidth"], 2.0]
+    assert axes.lines[0].get_linewidth() == 0.5

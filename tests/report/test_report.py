@@ -714,8 +714,13 @@ def test_in_a_browser_encoders_side_by_side_have_names_that_hide_nothing(chromiu
     chromium.wait_for(f"{DRAWN} && document.querySelector('#plot .annotation-text')")
     shown = chromium.evaluate("document.getElementById('plot').layout.annotations.map((one) => one.text)")
     told = {text.replace("<br>", " ").replace("&amp;", "&") for text in shown}
-    assert {*names} <= told
+    items = "#plot + ol:not([hidden]) li"
+    listed = chromium.evaluate(f"[...document.querySelectorAll('{items}')].map((one) => one.innerText)")
+    assert {*names} <= (told if width == 1400 else {*listed})
+    assert {str(at + 1) for at in range(len(listed))} <= told
+    assert len(listed) == (0 if width == 1400 else len(names))
     assert chromium.evaluate(APART) == [len(shown), 0, 0]
+    assert len(shown) == len(names) + 1  # the rival
     assert chromium.evaluate("document.querySelectorAll('#plot .legend .traces').length") <= 3
     assert_quiet(chromium, page)
 

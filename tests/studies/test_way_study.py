@@ -220,11 +220,12 @@ def test_a_way_opens_with_its_sentence_its_picture_and_five_rows_and_folds_the_r
     drawn = json.loads(re.search(r'id="study-data">(.*?)</script>', page)[1])
     assert drawn["fronts"][""]["named"] == "a rule"
     of_points = {point["name"]: point["labels"] for point in drawn["points"]}
-    assert of_points["rule toss, heads 0.2"] == {"flops": "a toss of 30 %"}
-    assert of_points["rule heads, heads 0.9"] == {"flops": ""}
-    assert of_points["rule toss, heads 0.9"] == {}  # not drawn
+    assert of_points["rule toss, heads 0.2"] == {"": {"flops": "a toss of 30 %"}}
+    assert of_points["rule heads, heads 0.9"] == {"": {"flops": ""}}
+    assert of_points["rule toss, heads 0.9"] == {"": {}}  # not drawn
     answer = json.loads((tmp_path / "run" / "answer.json").read_text())
-    assert answer["answers"] == [{"dataset": "", "headline": said.headline, "details": said.details}]
+    told = {"dataset": "", "headline": said.headline, "details": said.details}
+    assert answer["answers"] == [told | {"next": {"words": "", "commands": []}}]
     assert [(len(table["rows"]), table["named"]) for table in answer["tables"]] == [(9, [2, 8])] * 2
 
 

@@ -64,13 +64,16 @@ function along([x0, y0], [x1, y1]) {
 /* The places of marks, whiskers and fronts in pixels of the plot, as such circles. */
 function inkOf(host) {
   const { xaxis, yaxis } = host._fullLayout, found = [];
-  for (const { mode, x, y, marker, error_y: bar } of host._fullData) {
+  for (const { mode, x, y, marker, line, error_y: bar } of host._fullData) {
     const at = [...x].map((value, i) => [xaxis.d2p(value), yaxis.d2p(y[i]), i]).filter(([left, top]) => Number.isFinite(left + top));
     for (const [left, top, i] of at) {
       if (mode === "markers") found.push([left, top, 1 + ([marker.size].flat()[i] ?? marker.size) / 2]);
       if (bar?.array) found.push(...along([left, yaxis.d2p(y[i] + bar.array[i])], [left, yaxis.d2p(y[i] - bar.arrayminus[i])]));
     }
-    if (mode === "lines") at.slice(1).forEach(([left, top], i) => found.push(...along(at[i], [left, at[i][1]]), ...along([left, at[i][1]], [left, top])));
+    if (mode === "lines") at.slice(1).forEach(([left, top], i) => {
+      const corner = line.shape === "hv" ? [left, at[i][1]] : at[i];
+      found.push(...along(at[i], corner), ...along(corner, [left, top]));
+    });
   }
   return found;
 }
@@ -113,7 +116,7 @@ function placesAround(at, up, words, pen) {
   })));
 }
 
-/* Names of points where nothing else is drawn, a name without room left out: of several orders to place them the best. */
+/* Names of points where nothing else is drawn, `hidden` where there is no room: of several orders to place them the best. */
 function namesOfPoints(host, points, ink, pen) {
   const { xaxis, yaxis } = host._fullLayout;
   const placed = points.map((point) => ({ ...point, at: xaxis.d2p(point.x), up: yaxis.d2p(point.y) }))
@@ -122,13 +125,24 @@ function namesOfPoints(host, points, ink, pen) {
   const tries = orders.map((order) => {
     const covered = [...ink];
     return [...placed].sort(order).map(({ x, y, words, at, up }) => {
-      const best = freest(host, covered, placesAround(at, up, words, pen));
+      const best = freest(host, covered, placesAround(at, up, plain(words), pen));
       if (!best.hidden) covered.push(...covering(best), ...best.line);
       return { x, y, ...best };
     });
   });
   const cost = (names) => names.reduce((sum, name) => sum + name.cost, 0);
-  return tries.sort((a, b) => cost(a) - cost(b))[0].filter((name) => !name.hidden).map(({ x, y, text, ax, ay, line }) => ({
+  return tries.sort((a, b) => cost(a) - cost(b))[0];
+}
+
+/* The annotations of points: their names, or, where one has no room, their numbers in the list below the plot, which has all names. */
+function atPoints(host, points, ink, pen) {
+  const { xaxis } = host._fullLayout, ordered = [...points].sort((a, b) => a.x - b.x || b.y - a.y);
+  const names = namesOfPoints(host, points, ink, pen), isFull = names.some((name) => name.hidden);
+  const numbers = ordered.map((point, i) => ({ ...point, words: String(i + 1) }));
+  if (!host.list) host.after(host.list = element("ol", { class: "numbered", "aria-label": "names of the numbered points" }));
+  host.list.hidden = !isFull;
+  host.list.replaceChildren(...(isFull ? ordered.map(({ words }) => element("li", {}, words)) : []));
+  return (isFull ? namesOfPoints(host, numbers, ink, pen) : names).map(({ x, y, text, ax, ay, line }) => ({
     x: xaxis.type === "log" ? Math.log10(x) : x, y, text, font: { color: style("--ink"), size: 11 }, borderpad: 1,
     xanchor: "center", yanchor: "middle", showarrow: line.length > 0, arrowhead: 0, arrowwidth: 0.8, arrowcolor: style("--soft"), standoff: 7,
     ...(line.length ? { ax, ay } : { xshift: ax, yshift: -ay }),
@@ -179,7 +193,7 @@ function draw(plotly, host, traces, layout, lines = [], points = []) {
       pen.font = `11px ${font.family}`;
       const named = namesOf(host, lines, ink, pen);
       for (const { y } of lines) ink.push(...along([0, yaxis.d2p(y)], [xaxis._length, yaxis.d2p(y)]));
-      return plotly.relayout(host, { annotations: [...named, ...namesOfPoints(host, points, ink, pen)] });
+      return plotly.relayout(host, { annotations: [...named, ...atPoints(host, points, ink, pen)] });
     };
     host.removeAllListeners("plotly_relayout");
     host.on("plotly_relayout", (change) => { if (!change.annotations) name(); });  // zoomed, or of another width

@@ -61,12 +61,30 @@ function bentTicks() {
 }
 
 function isShown(point) {
-  return point.y != null && (!settings.length || point.setting === study.shown.setting) && (!point.labels || labelOf(point) != null);
+  const labels = point.labels[study.shown.setting];
+  return point.y != null && (labels ? labelOf(point) != null : !settings.length || point.setting === study.shown.setting);
 }
 
 /* The name of a point in a picture that names points; empty without a name. */
 function labelOf(point) {
-  return point.labels?.[study.shown.cost];
+  return point.labels[study.shown.setting]?.[study.shown.cost];
+}
+
+/* Whether all settings are shown together, what is drawn of each joined by a line. */
+function isJoined() {
+  return Boolean(study.fronts[study.shown.setting]?.is_joined);
+}
+
+/* Whether a point is one of those beside what has names. */
+function isBeside(point) {
+  return labelOf(point) === "" && !isJoined();
+}
+
+/* A line for each setting, between what is drawn of it. */
+function joins() {
+  return settings.map((setting) => study.points.filter((p) => p.setting === setting && isShown(p) && costOf(p) != null)).filter((pair) => pair.length > 1).map((pair) => ({
+    type: "scatter", mode: "lines", showlegend: false, hoverinfo: "skip", x: pair.map(costOf), y: pair.map((p) => up(p.y)), line: { width: 1.2, color: style("--soft") }, name: pair[0].setting,
+  }));
 }
 
 /* Whether the picture names points, beside which others are small and grey. */
@@ -114,7 +132,7 @@ function seriesTrace(name, index, isOf = () => true) {
   const points = here.map((i) => study.points[i]);
   const colour = style(`--series-${index % SYMBOLS.length}`), round = Math.floor(index / SYMBOLS.length), open = round % 4 === 1 || round % 4 === 2;
   return {
-    type: "scatter", mode: "markers", name: plain(name), showlegend: !isNamed(), x: points.map(costOf), y: points.map((p) => up(p.y)), customdata: here,
+    type: "scatter", mode: "markers", name: plain(name), showlegend: !isNamed() || isJoined(), x: points.map(costOf), y: points.map((p) => up(p.y)), customdata: here,
     text: points.map((p) => `<b>${plain(p.name)}</b><br>${plain(study.score)}: ${short(p.y)}`), hovertemplate: `%{text}<br>${costHead()}: %{x:,.4~g}<extra></extra>`,
     error_y: {
       type: "data", symmetric: false, visible: !isNamed(), arrayminus: points.map((p) => up(p.y) - up(p.y - p.bar[0])), array: points.map((p) => up(p.y + p.bar[1]) - up(p.y)),
@@ -122,8 +140,8 @@ function seriesTrace(name, index, isOf = () => true) {
     },
     cliponaxis: false,
     marker: {
-      symbol: symbolOf(round < 2 ? index % SYMBOLS.length : index, open), size: points.map((p) => labelOf(p) === "" ? 6 : 10), opacity: 0.9,
-      color: points.map((p) => labelOf(p) === "" ? style("--soft") : colour),
+      symbol: symbolOf(round < 2 ? index % SYMBOLS.length : index, open), size: points.map((p) => isBeside(p) ? 6 : 10), opacity: 0.9,
+      color: points.map((p) => isBeside(p) ? style("--soft") : colour),
       line: { width: open ? 1.6 : 0.5, color: open ? colour : style("--ground") },
     },
   };
@@ -138,8 +156,9 @@ function rangeOf(values, least, type) {
 function redraw() {
   const names = [...new Set(study.points.map((point) => point.series))];
   const named = study.points.filter((p) => isShown(p) && labelOf(p) && costOf(p) != null);
-  const layers = named.length ? [(p) => !labelOf(p), labelOf] : [() => true];  // names lie on marks that lie over the others
-  const traces = [...layers.flatMap((isOf) => names.map((name, index) => seriesTrace(name, index, isOf))).filter((trace) => trace.x.length), ...(named.length ? keyTraces() : [frontTrace(), ...markTraces()])];
+  const around = isJoined() ? study.points.filter((p) => isShown(p) && costOf(p) != null) : named;
+  const layers = named.length && !isJoined() ? [(p) => !labelOf(p), labelOf] : [() => true];  // names lie on marks that lie over the others
+  const traces = [...layers.flatMap((isOf) => names.map((name, index) => seriesTrace(name, index, isOf))).filter((trace) => trace.x.length), ...(isJoined() ? joins() : named.length ? keyTraces() : [frontTrace(), ...markTraces()])];
   const chosen = study.points[study.chosen];
   if (chosen && isShown(chosen)) {
     traces.push({
@@ -151,15 +170,15 @@ function redraw() {
   return draw(plotly, host, traces, {
     ...shared, ...(named.length ? { margin: { ...shared.margin, t: 70 } } : {}),
     uirevision: JSON.stringify(study.shown),
-    xaxis: { ...axisStyle(), ...(named.length ? rangeOf(named.map(costOf), 0, study.shown.scale) : {}), title: { text: plain(costHead()), standoff: 8 }, type: study.shown.scale },
-    yaxis: { ...axisStyle(), ...(study.whole == null ? {} : within(study.whole)), ...(named.length ? rangeOf(named.map((p) => up(p.y)), 10, "linear") : {}), ...bentTicks(), title: { text: plain(study.score) } },
-  }, chanceLine(), named.map((p) => ({ x: costOf(p), y: up(p.y), words: plain(labelOf(p)) })));
+    xaxis: { ...axisStyle(), ...(named.length ? rangeOf(around.map(costOf), 0, study.shown.scale) : {}), title: { text: plain(costHead()), standoff: 8 }, type: study.shown.scale },
+    yaxis: { ...axisStyle(), ...(study.whole == null ? {} : within(study.whole)), ...(named.length ? rangeOf(around.map((p) => up(p.y)), 10, "linear") : {}), ...bentTicks(), title: { text: plain(study.score) } },
+  }, chanceLine(), named.map((p) => ({ x: costOf(p), y: up(p.y), words: labelOf(p) })));
 }
 
 for (const part of document.querySelectorAll(".scripted")) part.hidden = false;
 for (const link of document.querySelectorAll("a[data-picture]")) link.href = link.closest("figure").querySelector("img").src;
 unfoldOnVisit();
-const first = Object.keys(study.points.find((point) => point.labels)?.labels ?? study.costs)[0];
+const first = [...study.points.flatMap((point) => Object.values(point.labels).flatMap(Object.keys)), ...COSTS][0];
 study.beginning = { setting: settings[0] ?? "", cost: first, scale: scaleOf(first) };
 study.shown = { ...study.beginning };
 if (settings.length) {

@@ -128,7 +128,7 @@ function drawTradeOff(plotly, host, study) {
     ...markTraces(study, points, kinds), ...rivalTraces(study),
   ];
   const labels = points.filter((p) => p.label && kinds.includes(p.used) && p[p.used]?.[chosen.cost] != null)
-    .map((p) => ({ x: p[p.used][chosen.cost], y: 100 * p[p.used].accuracy, words: plain(p.label) }));
+    .map((p) => ({ x: p[p.used][chosen.cost], y: 100 * p[p.used].accuracy, words: p.label }));
   const drawn = kinds.flatMap((kind) => drawable(points, kind, chosen.cost).map((p) => 100 * p[kind].accuracy));
   const isOfAll = Boolean(study.fronts[chosen.setting]?.of), lines = near(levels(study.fronts[chosen.setting]), drawn, isOfAll ? 0.3 : 2), ends = traces.filter((trace) => trace.error_y).flatMap(({ y, error_y: bar }) =>
     [{ y: y[0] - bar.arrayminus[0] }, { y: y[0] + bar.array[0] }]);

@@ -17,6 +17,7 @@ from neurotact.data.splits import SplitSpec, split_conditions
 from neurotact.spec import build
 from neurotact.studies import way_study
 from neurotact.studies.loading import resolve
+from neurotact.studies.way import ALL_SETS
 
 SET = {
     "dataset": {"simulate": "gratings", "parameters": {"trials": 2, "duration_s": 0.4}},
@@ -207,3 +208,36 @@ def test_networks_are_filled_and_stand_where_their_accuracy_is():
     marks = [line for line in axes.lines if line.get_marker() == "o"]
     assert [float(line.get_xdata()[0]) for line in marks] == pytest.approx([85.0, 70.0])
     assert [line.get_markerfacecolor() == "none" for line in marks] == [False, True]
+
+
+def of_two_sets(n_seeds):
+    values = {("RSNN", NETWORK_INPUT): [0.8] * n_seeds, ("SVM", "signals: a"): [0.6] * n_seeds}
+    again = {("RSNN", NETWORK_INPUT): [0.7] * n_seeds, ("ELM", "signals: b"): [0.9] * n_seeds}
+    return pd.concat([table(values), table(again).assign(set="other")], ignore_index=True)
+
+
+def test_all_sets_are_told_first_each_with_its_network_and_rival():
+    every, *others = named(of_two_sets(4)).items()
+    assert every[0] == ALL_SETS
+    assert [name for name, _ in others] == ["made, trials", "other, trials"]
+    assert every[1].headline == (
+        "Of 2 sets and splits the network is clearly more accurate than its rival on 1 (made, trials) and clearly less "
+        "accurate on 1 (other, trials); it takes 0.5 times the rival's energy."
+    )
+    assert every[1].labels["signal_ms"] == {
+        ("made", "trials", "RSNN", NETWORK_INPUT): "made, trials", ("made", "trials", "SVM", "signals: a"): "",
+        ("other", "trials", "RSNN", NETWORK_INPUT): "other, trials", ("other", "trials", "ELM", "signals: b"): "",
+    }  # fmt: skip
+    (listed,), *_ = tables(of_two_sets(4)).values()
+    assert listed.rows["set, split"].tolist() == ["made, trials", "other, trials"]
+    assert listed.rows["rival"].tolist() == ["SVM, signals: a 60.0 %", "ELM, signals: b 90.0 %"]
+    assert [cell.split()[0] for cell in listed.rows["points more"]] == ["+20.0", "-20.0"]
+
+
+def test_the_next_step_is_more_splits_until_there_are_enough_for_an_interval():
+    for n_seeds, step in ((2, "study run real-sets"), (4, "study run ways-to-save")):
+        said = named(of_two_sets(n_seeds))
+        assert [step in "".join(one.next[1]) for one in said.values()] == [True, False, False]  # told once
+        (alone,) = named(table({("RSNN", "a"): [0.8] * n_seeds, ("SVM", "signals: a"): [0.6] * n_seeds})).values()
+        assert step in alone.next[1][0]
+        assert ("cannot tell" in said[ALL_SETS].headline) == (n_seeds == 2)
