@@ -441,12 +441,13 @@ class Comparison(NamedTuple):
         return (both[f"{column} of other"] - both[column]).groupby([both[key] for key in self.splits]).mean().to_numpy()
 
     def _saved(self, both: pd.DataFrame, column: str) -> Interval | None:
-        """The share that is saved, with the interval over trainings; None where it is not counted."""
+        """The share of the mean that is saved, with the interval over trainings; None where it is not counted."""
         before, after = (both[name].to_numpy(float) for name in (f"{column} of other", column))
         known = np.isfinite(before) & np.isfinite(after) & (before > 0)
         if not known.any() or not known.all():
             return None
-        saved = 1 - after / before
+        left = after.mean() / before.mean()
+        saved = 1 - left - (after - left * before) / before.mean()  # their mean is that of the tables: of means, 1 - left
         if self._n_splits(both) < LEAST_SPLITS:
             return resampled_interval(saved, INDEPENDENT, 1, SAVED)
         in_splits = pd.Series(saved).groupby([both[key] for key in self.splits]).mean()
