@@ -1225,5 +1225,5 @@ def test_the_verdict_stands_last_after_the_numbers_and_the_next_command(monkeypa
     _print_answer(Path("run"), as_json=False)
     *_, figures, network, words, command, verdict, period = capsys.readouterr().out.splitlines()
     assert (figures, words, command) == ("accuracy: 9 % (few); SVM", "Go on:", "  neurotact list")
-    assert network == "network, to export, stream or infer with: run/cells/a"
+    assert network == "network of these numbers: run/cells/a"
     assert (verdict, period) == ("Nobody knows. It is short.", "Use 5 ms.")

@@ -124,7 +124,7 @@ def _told(one: Mapping[str, Any], folder: Path, before: str) -> Iterator[str]:
         against = f"; {figure['against']}" if figure["against"] else ""
         yield as_typed(f"{before}{figure['what']}: {figure['value']} ({figure['of']}){against}")
     if one.get("folder"):
-        yield f"{before}network, to export, stream or infer with: {folder / one['folder']}"
+        yield f"{before}network of these numbers: {folder / one['folder']}"
     if then["words"]:
         yield f"{before}{as_typed(then['words'])}"
         yield from (f"  {command}" for command in then["commands"])
