@@ -887,7 +887,7 @@ def test_the_folder_that_is_named_is_that_of_the_chosen_network(tmp_path, monkey
     folder = f"cells/{[*study.cells(what)][place].digest()}"
     assert found["chosen"].startswith(f"5&5 ms with {hidden} neurons")
     assert found["folder"] == folder
-    assert f"It is in {folder}." in page.text
+    assert f"The chosen network is in {folder}." in page.text
 
 
 @pytest.mark.usefixtures("text_alone")
