@@ -269,7 +269,8 @@ def find(kind: str, name: str | Path, others: Iterable[str] = ()) -> Path:
         return existing(name)
     known = {path.stem: path for path in shipped(kind)}
     if str(name) not in known:
-        raise InputError(f"{name}: there is no such spec in {kind}; {nearest(str(name), [*known, *others])}")
+        names = [*dict.fromkeys([*known, *others])]
+        raise InputError(f"{name}: there is no such spec in {kind}; {nearest(str(name), names)}")
     return known[str(name)]
 
 

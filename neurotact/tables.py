@@ -10,6 +10,7 @@ import json
 import re
 import textwrap
 from collections.abc import Callable, Iterable, Mapping, Sequence
+from numbers import Real
 from pathlib import Path
 from typing import Any
 
@@ -109,13 +110,15 @@ def _unguarded(text: Any) -> Any:
     return text[1:] if isinstance(text, str) and text.startswith("'") and FORMULA.match(text) else text
 
 
-def natural(text: str) -> list[tuple[int, int, str]]:
-    """Sort key of texts with numbers in them, in natural order.
+def natural(value: object) -> list[tuple[int, float, str]]:
+    """Sort key of numbers by their size, and of texts with numbers in them in natural order.
 
-    >>> sorted(["class 10", "class 2", "Class 1"], key=natural)
-    ['Class 1', 'class 2', 'class 10']
+    >>> sorted(["class 10", "class 2", "Class 1"], key=natural), sorted([3.5, -20, 1], key=natural)
+    (['Class 1', 'class 2', 'class 10'], [-20, 1, 3.5])
     """
-    parts = re.split(r"([0-9]+)", text)
+    if isinstance(value, Real):
+        return [(1, float(value), "")]
+    parts = re.split(r"([0-9]+)", str(value))
     return [(1, int(part), "") if part.isdecimal() and part.isascii() else (0, 0, part.casefold()) for part in parts]
 
 

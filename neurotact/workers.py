@@ -7,6 +7,7 @@ is left. If a process dies, only its own job is lost, and that job starts again 
 when this happens to a job too often, and when a process has loaded another neurotact than this one.
 """
 
+import logging
 import os
 import signal
 import subprocess
@@ -305,12 +306,13 @@ def _begin(environment: dict[str, str]) -> None:
 def _settle() -> None:
     """In a new process: use one thread, leave Ctrl-C to the parent process, and end when the parent ends.
 
-    Warnings are printed in one line, as in the parent.
+    Warnings and log records are printed in one line, as in the parent.
     """
     import torch
 
     torch.set_num_threads(1)
     warnings.showwarning = lambda message, *_: say(message)
+    logging.basicConfig(level=logging.WARNING, format="neurotact: %(message)s")
     signal.signal(signal.SIGINT, signal.SIG_IGN)
     if hasattr(signal, "pthread_sigmask"):
         signal.pthread_sigmask(signal.SIG_UNBLOCK, {signal.SIGINT})

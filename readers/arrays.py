@@ -340,7 +340,7 @@ def load(
         known = (name, channels_at, label_at, *said_by)
         others = [other for other in file.shapes if other not in known and not _is_rate(other)]
         of_trials = [other for other in others if file.shapes[other] == (len(signals),)]
-        table = _conditions(file, label_at, of_trials, given)
+        table = _conditions(file, label_at, of_trials, given, len(signals))
         unused = [other for other in (*others, *file.cells) if other not in of_trials and other != name]
         if unused:
             log.warning("%s: not used: %s", file.path, some([file.shown(other) for other in unused]))
@@ -434,13 +434,19 @@ def _check_trial_axis(file: ArrayFile, labels: Sequence[str], signals: str, orde
 
 
 def _conditions(
-    file: ArrayFile, label_at: str | None, of_trials: Sequence[str], given: Mapping[str, Any]
+    file: ArrayFile, label_at: str | None, of_trials: Sequence[str], given: Mapping[str, Any], n_trials: int
 ) -> pd.DataFrame:
     """The class and the conditions of each trial: arrays of one value per trial, and the columns of a table."""
     columns = {name.rpartition("/")[2]: name for name in reversed(of_trials)}
     twice = [name for name in of_trials if columns[name.rpartition("/")[2]] != name]
     if label_at is None and LABEL not in given:
         known = ", ".join(of_trials) or "none has one value per trial"
+        called_so = next((key for key in file.shapes if key.rpartition("/")[2].lower() in ALIASES[LABEL]), None)
+        if called_so is not None:
+            raise InputError(
+                f"{file.path}: '{called_so}' has the shape {file.shapes[called_so]}, but there are {n_trials} trials; "
+                "give one value per trial, or name another array with `names={'label': ...}`"
+            )
         raise InputError(
             f"{file.path}: no array is called label ({known}); name the class with `names={{'label': ...}}`, or give a "
             "table that has it with `conditions`"

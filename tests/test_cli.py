@@ -1218,11 +1218,12 @@ def test_the_verdict_stands_last_after_the_numbers_and_the_next_command(monkeypa
     figure = {"what": "accuracy", "value": "9 %", "of": "few", "against": "SVM"}
     then = {"words": "Go on:", "commands": ["neurotact list"]}
     said = {"headline": "it is long", "short": "It is short", "untold": "Nobody knows", "period": "Use 5 ms."}
-    one = {"dataset": "", **said, "details": ["a detail"], "figures": [figure], "next": then}
+    one = {"dataset": "", **said, "details": ["a detail"], "figures": [figure], "next": then, "folder": "cells/a"}
     monkeypatch.setattr(
         api, "study_answer", lambda folder: {"answers": [one], "cautions": [], "report": "run/report.html"}
     )
     _print_answer(Path("run"), as_json=False)
-    *_, figures, words, command, verdict, period = capsys.readouterr().out.splitlines()
+    *_, figures, network, words, command, verdict, period = capsys.readouterr().out.splitlines()
     assert (figures, words, command) == ("accuracy: 9 % (few); SVM", "Go on:", "  neurotact list")
+    assert network == "network of these numbers: run/cells/a"
     assert (verdict, period) == ("Nobody knows. It is short.", "Use 5 ms.")

@@ -348,6 +348,11 @@ def test_a_spec_that_is_not_there_is_named(tmp_path):
         find("encoders", "sa1-ra1-lf")
     with pytest.raises(InputError, match="there is no such spec in encoders"):
         find("encoders", "x" * 5000)
+    with pytest.raises(InputError) as refusal:
+        find("encoders", "zzz", ["poisson", "mine"])
+    known = str(refusal.value).partition("known: ")[2].split(", ")
+    assert "mine" in known
+    assert len(set(known)) == len(known)
     with pytest.raises(InputError, match=r"mine\.toml: there is no such file"):
         find("encoders", tmp_path / "mine.toml")
 

@@ -1,5 +1,6 @@
 """Worker processes: what reaches them, and what does not."""
 
+import logging
 import os
 import signal
 import subprocess
@@ -121,6 +122,16 @@ def test_the_package_runs_as_a_module_beside_a_module_with_the_name_of_pythons(t
     words = [sys.executable, "-m", "neurotact", "--version"]
     done = subprocess.run(words, capture_output=True, text=True, timeout=120, cwd=tmp_path)
     assert (done.stdout.strip(), done.stderr) == (neurotact.__version__, "")
+
+
+def _warns(number: int) -> int:
+    logging.getLogger("neurotact").warning("%d of 3 trials are kept", number)
+    return number
+
+
+def test_a_line_of_a_worker_is_printed_like_one_of_its_parent(capfd):
+    assert workers.in_a_process(_warns, 2) == 2
+    assert "neurotact: 2 of 3 trials are kept\n" in capfd.readouterr().err
 
 
 @pytest.mark.parametrize("name", workers.identity())

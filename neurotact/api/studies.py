@@ -99,10 +99,10 @@ def study_answer(folder: str | Path) -> dict[str, Any]:
     """What the study in `folder` answers, as `neurotact study` prints it as JSON.
 
     Keys: answers (each with dataset, headline and details, and, unless the way has sentences of its own, kind, short,
-    the verdict alone, figures, the large ones of the page, and chosen, which network they are of), among (which
-    encoder, if the study sweeps them), cautions, tables (each with caption, columns and rows; not of every study), and
-    report, the path of the page. Answers of numbers or events also have network and rival, their errors or events and
-    costs by plain names, and p.
+    the verdict alone, figures, the large ones of the page, and chosen and folder, which network they are of and where),
+    among (which encoder, if the study sweeps them), cautions, tables (each with caption, columns and rows; not of every
+    study), and report, the path of the page. Answers of numbers or events also have network and rival, their errors or
+    events and costs by plain names, and p.
 
     >>> nt.study_answer("no-study-yet")["answers"]
     []

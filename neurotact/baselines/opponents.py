@@ -140,8 +140,8 @@ def _listed(names: Sequence[str]) -> str:
 def without_slow() -> str:
     """The warning of a first look whose opponents are `quick`."""
     return (
-        f"a first look fits fewer networks, and no {_listed(SLOW)}, strong opponents on many sets: a difference that "
-        "is clear here need not be clear in the whole study, nor its sign the same"
+        f"a first look fits fewer networks, and leaves out {_listed(SLOW)}, which are strong on many sets: a "
+        "difference that is clear here need not be clear in the whole study, nor its sign the same"
     )
 
 

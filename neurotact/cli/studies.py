@@ -113,16 +113,18 @@ def _print_answer(folder: Path, as_json: bool) -> None:
         print(as_typed(answer["among"]))
     several = len(answer["answers"]) > 1
     for one in [] if answer.get("among") else answer["answers"]:
-        for sentence in _told(one, f"{one['dataset']}: " if one["dataset"] and several else ""):
+        for sentence in _told(one, folder, f"{one['dataset']}: " if one["dataset"] and several else ""):
             print(sentence)
 
 
-def _told(one: Mapping[str, Any], before: str) -> Iterator[str]:
-    """An answer in the terminal: its numbers, what to do next, and last what it says; `before` each part."""
+def _told(one: Mapping[str, Any], folder: Path, before: str) -> Iterator[str]:
+    """An answer of the study in `folder` in the terminal: its numbers, what to do next, and last what it says."""
     figures, then = one.get("figures", []), one.get("next", {"words": "", "commands": []})
     for figure in figures:
         against = f"; {figure['against']}" if figure["against"] else ""
         yield as_typed(f"{before}{figure['what']}: {figure['value']} ({figure['of']}){against}")
+    if one.get("folder"):
+        yield f"{before}network of these numbers: {folder / one['folder']}"
     if then["words"]:
         yield f"{before}{as_typed(then['words'])}"
         yield from (f"  {command}" for command in then["commands"])

@@ -8,6 +8,7 @@ from neurotact.data.recordings import Trials
 from neurotact.data.spikes import SpikeTrains
 from neurotact.errors import in_digits, number_of, some
 from neurotact.lazily import lazily
+from neurotact.tables import natural
 
 with lazily():
     import pandas as pd
@@ -24,12 +25,13 @@ PIECE = 100_000
 def conditions_table(conditions: pd.DataFrame) -> pd.DataFrame:
     """A row per condition: its values, with the number of trials of each.
 
-    >>> conditions_table(pd.DataFrame({"label": ["silk", "felt", "silk"], "speed": [3, 3, 6]})).values.tolist()
-    [['label', 'felt (1), silk (2)'], ['speed', '3 (2), 6 (1)']]
+    >>> conditions_table(pd.DataFrame({"label": ["mat10", "mat2", "mat10"], "speed": [3, 3, 6]})).values.tolist()
+    [['label', 'mat2 (1), mat10 (2)'], ['speed', '3 (2), 6 (1)']]
     """
     rows = []
     for name in conditions.columns:
-        counts = conditions[name].value_counts().sort_index()
+        counts = conditions[name].value_counts()
+        counts = counts.reindex(sorted(counts.index, key=natural))
         listed = ", ".join(f"{value} ({n})" for value, n in list(counts.items())[:MOST_VALUES])
         if len(counts) > MOST_VALUES:
             listed = f"{len(counts)} values, {counts.index[0]} to {counts.index[-1]}"

@@ -17,6 +17,7 @@ from neurotact.data import marks as annotations
 from neurotact.errors import InputError, closest, in_digits, nearest, number_of
 from neurotact.lazily import lazily
 from neurotact.notebook import html_of
+from neurotact.tables import natural
 
 with lazily():
     import pandas as pd
@@ -391,7 +392,7 @@ def _values_of(table: pd.DataFrame, where: Mapping[str, object]) -> str:
     """The values of the trials in each column, and the one that is nearly the wanted text, for an error message."""
     parts = []
     for column, wanted in where.items():
-        values = [str(value) for value in table[column].drop_duplicates().sort_values()]
+        values = list(map(str, sorted(table[column].drop_duplicates(), key=natural)))
         near = closest(wanted, values, alike=0.7) if isinstance(wanted, str) else None
         meant = f"did you mean '{near}'? " if near is not None and near != wanted else ""
         listed = f"{', '.join(values[:MOST_NAMED])}{', ...' if len(values) > MOST_NAMED else ''}"

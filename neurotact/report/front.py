@@ -78,7 +78,8 @@ class Front(NamedTuple):
     saves and costs; next: what to do then, and commands. All are empty if there is nothing to say. Of networks alone:
     sides; split: that of the first training, one of several where a study sweeps it; cells: for each network the row of
     `results.csv` that stands for it; lost: the losses of accuracy; classes: of `robustness.by_class`, for the best
-    network; leader: the name of the folder of the best one on validation trials, whatever it costs.
+    network; leader: the name of the folder of the best one on validation trials, whatever it costs; folder: the folder,
+    within the study, of the network that the figures are of, its first training.
     Of a way alone: told: its own headline.
     """
 
@@ -97,6 +98,7 @@ class Front(NamedTuple):
     period: str = ""
     next: tuple[str, Sequence[str]] = ("", ())
     leader: str = ""
+    folder: str = ""
     told: str = ""
 
     @property
@@ -130,6 +132,7 @@ class Front(NamedTuple):
             "figures": [figure._asdict() for figure in self.figures],
             "chosen": self.chosen,
             "leader": self.leader,
+            "folder": self.folder,
             "details": [*self.details],
         }
 
@@ -461,6 +464,7 @@ def fronts(
             period,
             then,
             cell_folder(folder, done[represented[networks.index(answer.leader)]]).name,
+            cell_folder(Path(), done[represented[networks.index(answer.best)]]).as_posix(),
         )
 
 

@@ -171,6 +171,23 @@ def test_each_training_counts_its_own_afferents():
     assert alone["macs"] == pytest.approx(np.mean([own.cost(300, 5.0).macs for own in made_by]))
 
 
+def test_encoding_alone_has_a_row_for_each_refractory_period_where_its_spikes_cost_something():
+    row = {"setting": "all", "hidden": 20, "seed": 0, "window_steps": 300, "sops_recurrent": 0.0, "sops_readout": 0.0}
+    rows = pd.DataFrame([{**row, "pair": pair, "sops_input": 20.0 * n} for pair, n in (("1&1", 90), ("5&5", 40))])
+    alone = "conditioning and encoding alone"
+    for integration, names in (
+        ("exact", [f"{alone}: all, t_ref {pair} ms, 300 ms" for pair in ("1&1", "5&5")]),
+        ("clock", [f"{alone}, 300 ms"]),
+    ):
+        own = Afferents(16, {**SMOOTHED, "integration": integration}, 1000.0, 100.0)
+        table = ledger.study_ledger(RSNNSpec(), rows, None, afferents=[own] * 2, n_classes=8).set_index("name")
+        assert [name for name in table.index if name.startswith(alone)] == names
+        for name, n in zip(names, (90, 40), strict=False):
+            assert table.loc[name, "macs"] == own.cost(300, n).macs
+        whole = table.loc["spiking: all, t_ref 5&5 ms, N = 20", "energy_estimate_nJ"]
+        assert table.loc[names[-1], "energy_estimate_nJ"] < whole
+
+
 def test_encoding_in_the_sensor_costs_a_decision_nothing():
     row = {"hidden": 3, "window_steps": 10.0, "exit_steps": 10.0, "sops_input": 6.0, "sops_recurrent": 0.0,
            "sops_readout": 4.0}  # fmt: skip

@@ -408,6 +408,9 @@ def test_a_folder_of_trainings_says_what_it_is_and_names_one(tmp_path, below):
         said = f"{place}: is no network, but holds {several}; name one, such as {place / below.format(fold)}"
         with pytest.raises(InputError, match=re.escape(said)):
             run_folder.restore(place)
+    (place / "answer.json").write_text('{"answers": [{"folder": "cells/chosen"}]}')
+    with pytest.raises(InputError, match=re.escape(f"; name that of its answer, {place / 'cells' / 'chosen'}")):
+        run_folder.restore(place)
     run_folder.save(fitted(), place, trains, tmp_path / "two.h5", task)
     assert run_folder.restore(place).task == task
     (tmp_path / "empty").mkdir()

@@ -876,6 +876,26 @@ def test_advice_on_a_loss_in_encoding_is_of_the_encoder_of_the_study(tmp_path, m
 
 
 @pytest.mark.usefixtures("text_alone")
+@pytest.mark.parametrize("hidden", [20, 30])
+def test_the_folder_that_is_named_is_that_of_the_chosen_network(tmp_path, monkeypatch, hidden):
+    """It may differ from the leader, the best on validation trials."""
+    ours = ("5&5", hidden)
+    monkeypatch.setattr(
+        front.period_choice, "chosen", lambda all_, _: next(one for one in all_ if (one.pair, one.hidden) == ours)
+    )
+    sweep = {"encoder.ra1.t_ref_ms & encoder.sa1.t_ref_ms": [[1, 1], [5, 5]], "network.hidden": [20, 30]}
+    what = make_study(sweep=sweep, claims=(), dataset={"simulate": "gratings", "subsets": {"mixed": {}}})
+    page = Page(networks.write(what, make_run(what, tmp_path, grating_conditions())))
+    (found,) = read_json(tmp_path / "answer.json")["answers"]
+    rows = pd.read_csv(tmp_path / "results.csv")
+    (place,) = rows.index[(rows["t_ref_sa_ms"] == 5) & (rows["hidden"] == hidden)]
+    folder = f"cells/{[*study.cells(what)][place].digest()}"
+    assert found["chosen"].startswith(f"5&5 ms with {hidden} neurons")
+    assert found["folder"] == folder
+    assert f"The chosen network is in {folder}." in page.text
+
+
+@pytest.mark.usefixtures("text_alone")
 def test_a_swept_tolerance_is_that_of_its_networks(tmp_path):
     sweep = {"network.hidden": [20], "early_exit.tolerance": [0.01, 0.02]}
     what = make_study(sweep=sweep, claims=(), dataset={"simulate": "gratings", "subsets": {"mixed": {}}})

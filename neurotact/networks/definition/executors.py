@@ -269,7 +269,7 @@ SETTINGS = frozenset({
 })  # fmt: skip
 """Keys of specs of networks, LIF afferents and conditioning that are sizes, constants or how a network is trained."""
 
-_ONE_LAYER = dict.fromkeys((LAYERS, OTHER), "it has one hidden layer of CUBA-LIF neurons")
+_ONE_LAYER = dict.fromkeys((LAYERS, OTHER), "it runs only one hidden layer of CUBA-LIF neurons")
 _STREAMED = {
     **_ONE_LAYER,
     **{model.title: model.not_streamed for model in OUR_MODELS.values() if model.not_streamed},

@@ -105,7 +105,11 @@ def load_network(folder: str | Path, *, backend: Backend = "auto") -> tuple[Netw
     inner = [path.parent for place in ("*", "cells/*") for path in folder.glob(f"{place}/{NETWORK}")]  # folds, a study
     if inner and not (folder / NETWORK).exists():
         n = f"{len(inner)} trainings in folders of their own" if len(inner) > 1 else "a training in its own folder"
-        raise InputError(f"{folder}: is no network, but holds {n}; name one, such as {min(inner)}")
+        answer = folder / "answer.json"  # of a study
+        answers = read_json(answer).get("answers", []) if answer.is_file() else []
+        named = [folder / one["folder"] for one in answers if one.get("folder")]
+        which = f"name that of its answer, {named[0]}" if len(named) == 1 else f"name one, such as {min(inner)}"
+        raise InputError(f"{folder}: is no network, but holds {n}; {which}")
     metadata = _metadata(folder / NETWORK)
     spec = build(RSNNSpec, metadata["spec"], source=str(folder / NETWORK))
     sizes = metadata["n_inputs"], metadata["n_classes"], spec, metadata["sampling_rate_Hz"]

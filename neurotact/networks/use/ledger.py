@@ -6,10 +6,11 @@ The layers are those of `neurotact.metrics.flops`; SOPs and steps are the measur
 import json
 import warnings
 from collections.abc import Mapping, Sequence
-from dataclasses import fields
+from dataclasses import astuple, fields
 from types import MappingProxyType
 from typing import Any, NamedTuple
 
+import numpy as np
 import pandas as pd
 
 from neurotact.data.spikes import SpikeTrains
@@ -262,6 +263,8 @@ def study_ledger(
 ) -> pd.DataFrame:
     """The ledger of a study: the baselines, encoding alone, and encoding with each network (means over seeds).
 
+    Where spikes cost something, encoding alone has a row for each refractory period.
+
     spec: of the study's network, resolved by its recipe if it has one; `hidden` and, if it was swept or searched,
         `network.model` come from `results`.
     results: a run's `results.csv` with the columns `pair` and `setting`.
@@ -281,10 +284,14 @@ def study_ledger(
     for steps in sorted(results["window_steps"].unique()) if encoding else ():
         mine = results[results["window_steps"] == steps]
         sent = mine["sops_input"] / mine["hidden"] if "input_spikes" not in mine else mine.apply(input_spikes, axis=1)
-        spikes = sent.groupby(mine[KIND], sort=False).agg(["mean", "size"])
-        alone = [(of_kind[str(kind)].cost(steps, own["mean"]), own["size"]) for kind, own in spikes.iterrows()]
-        both = _mean(alone)
-        rows.append((f"conditioning and encoding alone, {both.signal_ms:g} ms", both))
+        alone = {}
+        for (setting, pair), own in sent.groupby([mine["setting"], mine["pair"]], sort=False):
+            spikes = own.groupby(mine[KIND], sort=False).agg(["mean", "size"])
+            each = [(of_kind[str(kind)].cost(steps, one["mean"]), one["size"]) for kind, one in spikes.iterrows()]
+            alone[f": {setting}, t_ref {pair} ms"] = _mean(each)
+        if np.allclose([*map(astuple, alone.values())], astuple(next(iter(alone.values()))), equal_nan=True):
+            alone = {"": next(iter(alone.values()))}  # spikes cost nothing, and one row stands for all
+        rows += [(f"conditioning and encoding alone{of}, {one.signal_ms:g} ms", one) for of, one in alone.items()]
     by = [*columns_of_network(results), *([MODEL] if MODEL in results else [])]
     counted = [is_row_counted(spec, row) for row in results.to_dict("records")]
     if not all(counted):

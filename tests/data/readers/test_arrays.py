@@ -244,6 +244,13 @@ def test_an_npy_file_has_its_classes_in_a_file_beside_it(tmp_path):
     refused("p.npy: cannot be read as an array", tmp_path / "p.npy", 100, "V")
 
 
+@pytest.mark.parametrize("more", [{}, {"speed": np.arange(4)}])
+def test_classes_of_another_number_than_the_trials_are_named(tmp_path, more):
+    path = write(tmp_path / "a.npz", X=SIGNALS, label=[*CLASSES, "tap"], **more)
+    refused("'label' has the shape (5,), but there are 4 trials; give one value per trial, or name another array with "
+            "`names={'label': ...}`", path, 100, "V")  # fmt: skip
+
+
 def test_trials_on_another_axis_are_told_by_the_number_of_classes(tmp_path):
     """MATLAB's habit: the trial is the last axis."""
     path = write(tmp_path / "a.npz", X=SIGNALS.transpose(1, 2, 0), y=CLASSES)

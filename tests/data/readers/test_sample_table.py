@@ -118,6 +118,7 @@ def test_columns_that_are_no_taxels_are_named(tmp_path, caplog):
         ("trial,label,a\n", {}, "holds no row below its header"),
         ("trial;label;a\n1;x;0,5\n1;x;2.5\n", {}, "line 2 has decimal commas; pass `decimal=','`"),
         ("trial,label,a\n1,x,2\n", {"decimal": ","}, "has commas between its columns, so there are no decimal commas"),
+        ("trial,a\n1,0,2,5\n", {"decimal": ","}, "commas both in its numbers and between its columns; put ; between"),
         ("trial,label,a\n1,x,2,5\n", {}, "line 2 has 4 columns where 3 are expected, the names in line 1; name each"),
         ("label,a\nx,2\nx,3\n", {"segments": True, "leave_out": "y"}, "`leave_out`: no trial has label = y; label is"),
         ("label,a\nx,2\nx,3\n", {"segments": True, "leave_out": "x"}, r"no trial is left of 1 \(without label = x\)"),
