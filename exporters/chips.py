@@ -97,12 +97,12 @@ def _xylo(chain: Asked) -> Iterator[Finding]:
     yield _is("readout", spec.readout, "count", "train again: `nt.train(..., settings={'readout': 'count'})`")
     yield _is(
         "recurrent delay",
-        str(spec.recurrent_delay_steps),
+        str(spec.recurrent_delay_steps if spec.recurrent else 0),
         "0",
         "train again: `nt.train(..., settings={'recurrent_delay_steps': 0})`",
     )
-    for name, tau_ms in (("current", spec.tau_syn_ms), ("membrane", spec.tau_mem_ms)):
-        yield _shift(name, tau_ms, network.clock_Hz)
+    for name, steps in _time_constants(network):
+        yield _shift(name, steps, network.clock_Hz)
     yield from _weights(network, 8)
     there = network.synapses  # of a pruned network
     fan_out = spec.fan_among + network.n_classes
@@ -135,8 +135,7 @@ def _loihi(chain: Asked) -> Iterator[Finding]:
     )
     delay = spec.recurrent_delay_steps if spec.recurrent else 0
     yield _is("recurrent delay", str(delay), "0", "a projection with delays, or train again without a recurrent delay")
-    for name, tau_ms in (("current", spec.tau_syn_ms), ("membrane", spec.tau_mem_ms)):
-        steps = tau_ms * 1e-3 * network.clock_Hz
+    for name, steps in _time_constants(network):
         change = abs(round(4096 * (1 - math.exp(-1 / steps))) / 4096 / (1 - math.exp(-1 / steps)) - 1)
         cost = f"12 bits change the time constant by {100 * change:.1f} %: train again with a shorter one"
         yield Finding(f"decay of the {name}", f"{steps:.1f} steps", "12 bits, to within 5 %", change <= 0.05, cost)
@@ -179,10 +178,18 @@ def _fixed_thresholds(network: "recurrent.RSNN", cost: str) -> Finding:
     return _is("threshold adaptation", f"{network.spec.threshold_adaptation:g}", "0", cost)
 
 
-def _shift(name: str, tau_ms: float, clock_Hz: float) -> Finding:
+def _time_constants(network: "recurrent.RSNN") -> Iterator[tuple[str, float]]:
+    """What decays, and its time constant in steps: as it was learned, and of a readout that spikes if it differs."""
+    for name, decays in (("current", network.alpha), ("membrane", network.beta)):
+        hidden, readout = (-1 / math.log(min(max(decay, 1e-9), 1 - 1e-9)) for decay in decays.tolist())
+        yield name, hidden
+        if readout != hidden and network.bias is None:
+            yield name, readout
+
+
+def _shift(name: str, steps: float, clock_Hz: float) -> Finding:
     """A decay by x -> x - x / 2^k."""
-    steps = tau_ms * 1e-3 * clock_Hz
-    k = shift_of(steps)
+    tau_ms, k = 1e3 * steps / clock_Hz, shift_of(steps)
     nearest_one = steps_of(k)
     change = nearest_one / steps - 1
     tau = 1e3 * nearest_one / clock_Hz

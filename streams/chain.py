@@ -43,6 +43,11 @@ LARGEST_FACTOR = 1e6
 MOST_SAMPLES_A_STEP = 1_000_000
 """Samples for each step of the encoder's clock; more are a wrong rate, of which a counter would overflow."""
 
+OF_ONSETS = (
+    "{}: was trained on windows from the onset of contact, for which nothing looks here; give `streamed=nt.Streamed("
+    "contact=True)` for windows from the first spike, `streamed=nt.Streamed(hop_ms=20)` for windows at all times, or "
+    "train it without `align`"
+)
 WITHOUT_END = WindowPlan(LONGEST_STEPS, 0, LONGEST_STEPS)
 """Of a detector."""
 PASSING = AfferentSpec.model_validate({
@@ -126,6 +131,8 @@ def chain_of(source: Fitted | Restored | tuple[EncoderSpec, RSNN], streamed: Str
         network = rsnn_of("stream", restored.network)
         rule = restored.exits(not streamed.full_window)
         recorded_Hz, trained, detector = restored.recorded_Hz, restored.task.window, restored.detector
+        if trained.align == "onset" and not (streamed.contact or streamed.hop_ms):
+            raise InputError(OF_ONSETS.format(restored.source))
         if encoder is None:
             taxels = restored.afferents
         elif restored.afferents is not None:

@@ -6,6 +6,7 @@ RAM are those of the sections that a linker keeps, with the functions of the com
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterator
 from pathlib import Path
 from typing import Any, NamedTuple
@@ -257,13 +258,14 @@ def _windows(restored: run_folder.Restored, trains: Any, recordings: str | Path 
 def _of_chain(
     chain: chains.Chain, trials: proving.Trials
 ) -> tuple[list[np.ndarray], list[tuple[int, int, int]], np.ndarray]:
-    """Trials up to the end of the last window that was learned, the samples of these windows, and what is decided."""
+    """Trials up to the end of the last window that was learned, the samples to each decision, and what is decided."""
     per_step = chain.sampling_rate_Hz / chain.clock_Hz
     given, windows, decided = [], [], []
     for trial, (samples, spoken) in enumerate(zip(trials.given, trials.expected, strict=True)):
         rows = spoken.decisions[: trials.learned]
         own = [_samples(row[1], chain.windows.length, per_step, len(samples)) for row in rows]
-        windows += [(trial, *one) for one in own]
+        exits = [math.ceil((row[1] + row[2] - 1) * per_step - 1e-9) + 1 for row in rows]  # after the deciding sample
+        windows += [(trial, first, min(last, end)) for (first, last), end in zip(own, exits, strict=True)]
         decided += [row[-1] for row in rows]
         given.append(samples[: max(last for _, last in own) + 1] if own else samples[:1])
     return given, windows, np.array(decided)

@@ -57,5 +57,5 @@ def matrices_of(network: RSNN, weight_bytes: int) -> dict[str, Matrix]:
         each = weight_bytes * (n_values if name == "w_out" else 1)
         in_rows = n * (each + index_bytes(columns - 1)) + (rows + 1) * index_bytes(n)
         dense = rows * columns * each + rows * index_bytes(columns)
-        kept[name] = Matrix(there.numpy(), in_rows < dense)
+        kept[name] = Matrix(there.numpy(), in_rows < dense and n > 0)  # C has no empty table
     return kept

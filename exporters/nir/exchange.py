@@ -56,9 +56,9 @@ def to_nir(
     plain: only CubaLIF and Linear, which snnTorch and Norse load; exact for membrane `immediate` with reset `hard`.
         For any other, the graph's note contains the differences. lower_refractory: afferents' refractory periods as
         nodes; by default they are only in the note, since NIR's neurons have none.
-    What a graph cannot hold stays outside, as a warning and the graph's note say: conditioning, early exit, encoders
-    other than LIF afferents, and of a network with a `step_ms` the encoder and the bins: the graph takes spikes in bins
-    of that length, `network.binned`.
+    What a graph cannot hold stays outside, as a warning and the graph's note say: conditioning, early exit, the rule of
+    a detector, encoders other than LIF afferents, and of a network with a `step_ms` the encoder and the bins: the graph
+    takes spikes in bins of that length, `network.binned`.
     dt_s: seconds per step; None: 1 / clock. snnTorch requires 1e-4: time constants are scaled with it.
     Raises InputError for what a graph cannot represent: decays of 1, thresholds that adapt.
 
@@ -66,7 +66,7 @@ def to_nir(
     >>> sorted(to_nir(net).nodes)  # doctest: +SKIP
     ['hidden', 'input', 'late', 'late_out', 'output', 'readout', 'w_in', 'w_out']
     """
-    rule, classes = exit_rule.FULL_WINDOW, None
+    rule, classes, outside = exit_rule.FULL_WINDOW, None, graph.Outside()
     if isinstance(source, (rsnn.RSNN, module.ModuleNetwork)):
         encoder, network = None, source
     elif isinstance(source, tuple):
@@ -74,13 +74,12 @@ def to_nir(
     else:
         restored = fitted.restore(source)
         network = restored.network
-        rule, classes = restored.exits(), restored.classes
+        rule, classes, outside = restored.exits(), restored.classes, outside._replace(detector=restored.detector)
         encoder = chains.front_of(restored) if restored.encoder is not None else None
     form = "nir-plain" if plain else "nir"
-    outside = graph.Outside()
     if encoder is not None:
         why = "as asked" if network_only else executors.left_outside(form, executors.Subject(encoder, network))
-        encoder, outside = (encoder, outside) if why is None else (None, graph.Outside(encoder, why))
+        encoder, outside = (encoder, outside) if why is None else (None, outside._replace(encoder=encoder, why=why))
     if network.steps_per_bin > 1:
         outside = outside._replace(step_ms=1e3 / network.clock_Hz, input_Hz=network.sampling_rate_Hz)
     executors.require(form, executors.Subject(encoder, network))

@@ -10,23 +10,25 @@ from neurotact_parts.exporters.nir.note import Note
 from neurotact.encoders.afferents import AfferentSpec
 from neurotact.encoders.model import EncoderSpec
 from neurotact.encoders.specs import n_afferents, taxels_of
-from neurotact.errors import InputError
+from neurotact.errors import InputError, number_of
 from neurotact.networks.definition.module import ModuleNetwork
 from neurotact.networks.definition.rsnn import RSNN
 from neurotact.networks.exit.rule import FULL_WINDOW, ExitRule
+from neurotact.networks.training.events import DetectorSpec
 
 
 class Outside(NamedTuple):
     """What of a chain a graph does not hold.
 
     encoder: its encoder, if the graph begins with spikes, and `why`. step_ms: of the bins that the graph receives, of
-    spikes on a clock of `input_Hz`; None: it receives spikes as they are.
+    spikes on a clock of `input_Hz`; None: it receives spikes as they are. detector: of events in time.
     """
 
     encoder: EncoderSpec | None = None
     why: str = ""
     step_ms: float | None = None
     input_Hz: float | None = None
+    detector: DetectorSpec | None = None
 
     def lines(self, encoder: AfferentSpec | None, rule: ExitRule) -> list[str]:
         """What stays outside, in words, with an `encoder` in the graph or none."""
@@ -43,6 +45,9 @@ class Outside(NamedTuple):
             lines.append("early exit: the graph computes whole windows")
         if rule.least_lead:
             lines.append(f"none of these: refuse a class that leads by less than {rule.least_lead:.6g} at the decision")
+        if (own := self.detector) is not None:
+            lead = f"it leads by more than {own.threshold:.6g} in {number_of(own.steps, 'step')}"
+            lines.append(f"events in time: a label comes into force where {lead} of the network")
         return lines
 
 

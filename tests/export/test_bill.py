@@ -7,11 +7,13 @@ from typing import Any
 import numpy as np
 import pandas as pd
 import pytest
-from made_chains import make_run
+from made_chains import make_chain, make_run, make_signal
 from neurotact_parts.exporters.c import bill, boards, opponents, proof
 from neurotact_parts.exporters.c.formats import Raw
 from neurotact_parts.exporters.c.opponents import Standard
+from neurotact_parts.exporters.c.proving import twin_of
 from neurotact_parts.opponents import minirocket
+from neurotact_parts.streams.stream import Stream
 from sklearn.linear_model import Ridge
 from sklearn.neighbors import KNeighborsClassifier
 from sklearn.pipeline import make_pipeline
@@ -192,6 +194,21 @@ def test_a_window_has_the_samples_that_its_opponents_get():
     """35.6 Hz under a clock of 1 kHz, and 2 kHz under one of 200 Hz; none is beyond the trial's end."""
     assert bill._samples(1000, 1000, 0.0356, 500) == (36, 72)
     assert bill._samples(200, 800, 10.0, 9990) == (2000, 9990)
+
+
+@pytest.mark.parametrize("rate_Hz", [1000.0, 250.0, 2000.0])
+def test_an_early_decision_is_billed_up_to_the_sample_that_decides_it(rate_Hz):
+    """As the ledger counts its steps, also where a sample is several steps, or a step several samples."""
+    chain = make_chain({"baseline": "start", "resample_Hz": 1000.0}, rate_Hz=rate_Hz, patience=5)
+    signals = [make_signal(int(0.15 * rate_Hz), seed=k) for k in range(3)]
+    twin = twin_of(chain, None, signals, np.zeros(3, int), None)
+    given, windows, _ = bill._of_chain(chain, twin)
+    for (trial, first, last), row in zip(windows, [row for one in twin.expected for row in one.decisions], strict=True):
+        stream = Stream(chain)
+        stream.push(given[trial][: last - 1])
+        before = [decision.window for decision in stream.push(given[trial][last - 1 : last])]
+        assert row[0] in before or last == first + int(40 * rate_Hz / 1000)
+    assert min(last - first for _, first, last in windows) < 30 * rate_Hz / 1000
 
 
 def test_a_line_says_what_has_no_room_and_what_python_decides_otherwise():

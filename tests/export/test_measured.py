@@ -1,5 +1,6 @@
 """The measure `integers`: networks of a study as the C export computes them."""
 
+import pytest
 import torch
 from made_chains import make_chain
 from neurotact_parts.exporters.c import measured
@@ -41,6 +42,19 @@ def test_integers_decide_nearly_as_the_network_does():
     network, sides = made()
     (row,) = measured.in_integers(network, sides)
     assert min(row["accuracy_validation_8bit"], row["accuracy_test_8bit"]) >= 0.8
+
+
+def test_numbers_in_integers_have_the_score_of_their_values():
+    network, sides = made(readout="integrator")
+    spread = network.infer(sides.test.spikes).readout.std(dim=0).float()
+
+    def of_numbers(side, moved=0.0):
+        return Examples(side.spikes, network.infer(side.spikes).readout.float() + moved * spread, deviation=spread)
+
+    (row,) = measured.in_integers(network, Sides(*(of_numbers(side) for side in sides)))
+    assert 0.8 < row["accuracy_test_8bit"] < 1  # of units of their own, rounded
+    (moved,) = measured.in_integers(network, Sides(*(of_numbers(side, 3.0) for side in sides)))
+    assert moved["accuracy_test_8bit"] == pytest.approx(1 - 9, abs=3)
 
 
 def test_a_network_without_an_integer_form_is_said_to_be_refused():

@@ -112,6 +112,18 @@ def test_a_dense_matrix_stands_beside_sparse_ones(variant, whole, tmp_path):
     }
 
 
+@needs_compiler
+@pytest.mark.parametrize("variant", ["float", "integer"])
+def test_recurrence_may_have_no_synapse_left(variant, tmp_path):
+    """As where its weights begin with 0: pruning leaves them there."""
+    chain = make_chain({}, hidden=20, n_taxels=6, patience=5, recurrent_weight_scale=0.0)
+    prune(chain.network, 0.85)
+    formats = None if variant == "float" else chosen(chain, [make_signal(150, 6)])
+    difference, expected = compare(chain, tmp_path, formats)
+    assert difference is None
+    assert expected[0].decisions
+
+
 @given(st.integers(1, 20), st.integers(1, 300), st.floats(0.05, 0.99), st.sampled_from([1, 4]))
 def test_rows_are_sparse_where_that_takes_less_flash(n_inputs, hidden, share, weight_bytes):
     net = RSNN(n_inputs, 3, hidden=hidden, model="snn", sampling_rate_Hz=1000.0)

@@ -9,6 +9,7 @@ from neurotact_parts.exporters import chips
 from neurotact.encoders.specs import load
 from neurotact.errors import InputError
 from neurotact.networks.definition.rsnn import RSNN
+from neurotact.networks.definition.specs import RSNNSpec
 from neurotact.networks.exit.rule import FULL_WINDOW, ExitRule
 
 FITTING_TAU_ms = -1 / math.log(1 - 2.0**-4) / 2.0
@@ -61,6 +62,34 @@ def test_loihi_wants_its_own_membrane_and_reset():
     assert "recurrent delay" in broken("loihi2", recurrent_delay_steps=1)
     assert "microcode" in broken("loihi2", threshold_adaptation=0.3)["threshold adaptation"]
     assert "recurrent delay" not in broken("loihi2", model="snn")
+
+
+def test_learned_decays_are_checked_as_they_were_learned_those_of_the_readout_too():
+    network = RSNN(16, 8, sampling_rate_Hz=2000.0, learn=["alpha", "beta"], **MADE_FOR_XYLO)
+    fitting, other = math.exp(-1 / chips.steps_of(4)), math.exp(-1 / 11.0)
+
+    def decays(target: str) -> list[tuple[str, str, bool]]:
+        found = chips.compare(network, None, FULL_WINDOW, target)
+        rows = found[found["what"].str.startswith("decay")]
+        return [*zip(rows["what"], rows["here"], rows["fits"], strict=True)]
+
+    assert [fits for _, _, fits in decays("xyloaudio2")] == [True, True]
+    with torch.no_grad():
+        network.alpha.copy_(torch.tensor([other, fitting]))
+        network.beta.copy_(torch.tensor([fitting, other]))
+    current, membrane = "decay of the current", "decay of the membrane"
+    tau = f"tau {FITTING_TAU_ms:g} ms"
+    assert decays("xyloaudio2") == [
+        (current, "tau 5.5 ms", False), (current, tau, True), (membrane, tau, True), (membrane, "tau 5.5 ms", False)
+    ]  # fmt: skip
+    assert [here for _, here, _ in decays("loihi2")] == ["11.0 steps", "15.5 steps", "15.5 steps", "11.0 steps"]
+
+
+def test_a_delay_of_recurrence_is_none_without_recurrence():
+    spec = RSNNSpec(model="snn", recurrent_delay_steps=1)
+    for target in ("xyloaudio2", "loihi2"):
+        found = chips.compare(RSNN(2, 2, spec, 1000.0), None, FULL_WINDOW, target).set_index("what")
+        assert found.loc["recurrent delay", "fits"]
 
 
 @pytest.mark.parametrize("target", ["xyloaudio2", "loihi2"])

@@ -13,6 +13,7 @@ from hypothesis import example, given
 from hypothesis import strategies as st
 from levels import examples
 from neurotact_parts.exporters.c import proof, proving
+from neurotact_parts.exporters.nir import note
 from neurotact_parts.streams import detector
 from neurotact_parts.streams.chain import chain_of
 from neurotact_parts.streams.detector import BEGUN, COLUMNS, FALSE_ALARM, HIT, MISS, REPEAT, Heard, Standing
@@ -247,6 +248,17 @@ def test_a_run_keeps_the_rule_and_what_it_was_chosen_on(run):
     assert row["chosen_with_false_alarms"] <= 200 * row["chosen_on_s"] / 3600
     assert restored.task.false_alarms_per_h == 200
     assert restored.classes == ("none", "contact", "slip")
+
+
+def test_a_graph_of_nir_says_that_the_rule_stays_outside(run, caplog):
+    pytest.importorskip("nir")
+    rule = run_folder.restore(run).detector
+    assert rule is not None
+    said = rf"events in time: .* by more than {re.escape(f'{rule.threshold:.6g}')} in {rule.steps} step"
+    written = note.of(nt.to_nir(run), "graph")
+    assert written is not None
+    assert [bool(re.match(said, line)) for line in written.outside].count(True) == 1
+    assert re.search(said, caplog.text)
 
 
 def test_results_in_words_tell_what_a_threshold_was_chosen_on_and_the_operating_curve(run):

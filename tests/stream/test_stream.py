@@ -6,7 +6,7 @@ import torch
 from hypothesis import example, given
 from hypothesis import strategies as st
 from levels import examples
-from made_chains import ADAPTING, READOUTS, make_chain, make_encoder, make_signal, offline, told
+from made_chains import ADAPTING, READOUTS, make_chain, make_encoder, make_run, make_signal, offline, told
 from neurotact_parts.streams.chain import chain_of
 from neurotact_parts.streams.stream import Stream
 
@@ -284,6 +284,20 @@ def test_a_baseline_of_the_whole_trial_is_refused_with_the_fix():
 def test_a_chain_that_cannot_be_carried_is_refused(encoder, n_inputs, options, message):
     with pytest.raises(InputError, match=message):
         chain_of((encoder, RSNN(n_inputs, 2, hidden=3, sampling_rate_Hz=1000.0)), nt.Streamed(**options))
+
+
+@pytest.mark.filterwarnings("ignore:window.align")
+def test_a_network_of_windows_from_the_onset_of_contact_is_told_where_they_begin(tmp_path):
+    """They do not begin with the trial: `infer` and a stream would decide other windows."""
+    folder, window = make_run(tmp_path), nt.Window(length_ms=40, align="onset", onset=nt.Onset(rest_ms=20))
+    settings = {"hidden": 3, "training.epochs": 1}
+    nt.train(folder / "spikes.h5", folder / "onset", "rsnn", settings, window=window)
+    for run in (lambda how: Stream(folder / "onset", streamed=how),
+                lambda how: nt.export_c(folder / "onset", folder / "c", streamed=how)):  # fmt: skip
+        with pytest.raises(InputError, match=r"onset: was trained on windows from the onset of contact.*contact=True"):
+            run(nt.Streamed())
+        run(nt.Streamed(contact=True, quiet_ms=5))
+    assert Stream(folder / "onset", streamed=nt.Streamed(hop_ms=20)).chain.windows.hop == 20
 
 
 @pytest.mark.parametrize("samples", [np.zeros((3, 5)), np.zeros((1, 2, 2)), np.zeros(3), [["a", "b"]]])
