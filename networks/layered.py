@@ -159,14 +159,27 @@ class Layered(nn.Module):
         return Counted(self._scores(sent[-1]), torch.cat(sent, dim=2), sops)
 
     def cost(self, measured: Mapping[str, float], steps: float, signal_ms: float) -> Cost:
-        """The cost of a decision of so many steps of its clock; measured: mean SOPs, as in results."""
+        """The cost of a decision of so many steps of its clock; measured: mean SOPs and spikes, as in results.
+
+        Of three hidden layers or more, what the inner ones send is measured in sum: it stands in the first that may.
+        """
         n_classes, keys, into_readout = self.sizes.n_classes, self.keys, measured["sops_readout"]
-        inside = measured["sops_total"] - into_readout  # an AC each, in any layer
-        rest = [(inside, inside - measured["sops_input"]), *[(0.0, 0.0)] * (len(keys.hidden) - 1)]
+        n, from_input = len(keys.hidden), measured["sops_input"]
+        between = measured["sops_total_feedforward"] - from_input - into_readout
+        inside = measured["sops_total"] - measured["sops_total_feedforward"]
+        of_last = into_readout / n_classes
+        inner, own = measured["hidden_spikes"] - of_last, inside if n == 1 else min(inside, keys.hidden[-1] * of_last)
+        into = [(from_input, 0.0, measured["input_spikes"]), (between, between, inner), *[(0.0, 0.0, 0.0)] * n][:n]
+        among = [(inside - own, inner), *[(0.0, 0.0)] * (n - 2), (own, of_last)][-n:]
         hidden = [
-            SpikingLayer(*pair, steps=steps, sops=sops, recurrent=keys.recurrent, sops_sent=sent)
-            for pair, (sops, sent) in zip(pairwise([self.sizes.n_inputs, *keys.hidden]), rest, strict=True)
-        ]
+            SpikingLayer(
+                *pair, steps=steps, sops=sops + back, recurrent=keys.recurrent, spikes=spikes, sent=again,
+                sops_sent=sent + back,
+            )
+            for pair, (sops, sent, spikes), (back, again) in zip(
+                pairwise([self.sizes.n_inputs, *keys.hidden]), into, among, strict=True
+            )
+        ]  # fmt: skip
         last = keys.hidden[-1]
         readout = (
             Integrator(last, n_classes, sops=into_readout, steps=steps)

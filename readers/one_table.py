@@ -58,7 +58,10 @@ log = logging.getLogger("neurotact")
 
 SEGMENT = "segment"
 """The condition that numbers the segments of a continuous recording."""
-FEATURES = "if each row is a touch of its own (features, without time), there is no signal: give a row per sample"
+FEATURES = (
+    "if each row is a touch of its own, give a row per sample, or put the samples into an .npz with signals "
+    "(trial, time) and label for neurotact import arrays touches.npz --axes trial,time (features have no time)"
+)
 WHOLE = "recording"
 """The class of a continuous recording that is kept whole."""
 SHORT = 5

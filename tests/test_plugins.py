@@ -225,11 +225,21 @@ def test_a_simulator_that_cannot_be_used_is_named_with_its_package(package, modu
         nt.simulate("mine")
 
 
+WAY = """
+from neurotact.spec import Spec
+class Parameters(Spec): ...
+VIEW = load = run = draw = 1
+def named(results): ...
+def _helper(results): ...
+"""
+
+
 @pytest.mark.parametrize(
     ("module", "why"),
     [
         ("class Parameters: pass", "has no VIEW"),
         ("Parameters = VIEW = load = run = draw = 1", "has Parameters that are not a Spec"),
+        (f"{WAY}\ndef answers(results): ...", "has a function 'answers' of the results that no study calls"),
         ("raise OSError", r"cannot be imported \(OSError\)"),
     ],
 )

@@ -78,7 +78,7 @@ def _inline(text: str) -> str:
         code = double or single
         if code:
             name = code.removeprefix("nt.")
-            written += f":py:obj:`{code} <neurotact.{name}>`" if name in neurotact.__all__ else f"``{code}``"
+            written += f":py:obj:`{code} <neurotact.{name}>`" if name in dir(neurotact) else f"``{code}``"
     return written
 
 

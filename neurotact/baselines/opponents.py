@@ -229,15 +229,14 @@ def spike_inputs(
     *,
     is_first: bool = True,
     encoding: bool = True,
-    recorded: int | None = None,
 ) -> Iterator[Input]:
     """Spikes of each afferent, counted over the window and in `BINS` time bins; each spike is one addition.
 
-    With `readout` opponents only the counts over the window, for logistic regression.
+    With `readout` opponents only the counts over the window, for logistic regression. The spikes that cost are those of
+    test windows, as of networks.
     is_first: also for other classifiers than logistic regression. The events of an event-based sensor are its signal:
     they cost nothing to encode, and unless opponents are linear there are sequences of them, too. encoding: whether the
-    energy of conditioning and encoding counts. recorded: the number of windows, the first ones, whose spikes cost; all
-    if None. Varied copies, which are behind them, are trained on alone.
+    energy of conditioning and encoding counts.
     """
     n_windows, n_steps, n_afferents = len(cuts.windows), cuts.windows.n_steps, len(trains.afferents)
     source = SPIKES if trains.encoder else EVENTS
@@ -245,7 +244,8 @@ def spike_inputs(
     is_counted = encoding and bool(trains.encoder)
     n_bins = min(BINS, n_steps)
     counts = trains.binned(cuts.windows, bin_edges(n_steps, n_bins))
-    spikes = float(counts[:recorded].sum()) / len(counts[:recorded])
+    tested = counts[cuts.sides[2]]
+    spikes = float(tested.sum()) / len(tested)
     how = {"recorded_Hz": trains.recorded_Hz, "spikes": spikes}
     encoded = encoding_cost(n_taxels, n_steps, cuts.length_ms, trains.encoder, **how) if is_counted else Cost()
 

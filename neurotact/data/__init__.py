@@ -39,9 +39,9 @@ Other rooms take:
     recordings: LABEL, Recordings, Trials, check_channels, check_conditions, check_import, check_named_classes,
         check_sampling_rate, class_indices, class_names, default_channels, order_by_name, select_conditions, unit_factor
     spikes: SpikeTrains, TrialSpikes, Variations, empty_raster, from_rasters, from_trials, populations_of, spikes_of
-    splits: Split, SplitSpec, Splits, aside_of, check_each, check_stratify, combination, each_left_out, hold_out,
-        hold_out_groups, split_conditions, split_touches, split_trials, training_touches, turns_of, validation_note,
-        values_to_leave_out
+    splits: Split, SplitSpec, Splits, aside_of, check_each, check_stratify, combination, each_left_out, folds_of_groups,
+        groups_of, hold_out, hold_out_groups, split_conditions, split_touches, split_trials, training_touches, turns_of,
+        validation_note, values_to_leave_out
     spool: Spool
     trial_choice: EVERY, LeaveOut, TrialChoice, Where, Words, chosen_trials, fewer_trials, values_in_words
     window_choice: ARGUMENTS, FOUND, LATE, RESTS, Timing, Words, choose, left_after, on_late_onsets, suited_window,

@@ -15,7 +15,7 @@ from pydantic import Field, field_validator
 
 from neurotact import plugins
 from neurotact.data.digests import recorded_digest
-from neurotact.data.onset import common_onset_s, evenly
+from neurotact.data.onset import common_onset_s
 from neurotact.data.recordings import Recordings
 from neurotact.data.spikes import SpikeTrains, Variations
 from neurotact.data.window_choice import RESTS
@@ -159,13 +159,14 @@ def varied_copies(
     [('time', 2), ('gain', 2), ('time+gain', 2)]
     """
     check_taxels(spec, recordings.n_channels)
-    rest, per_kind = _Rest.of(recordings), len(recordings) * spec.copies
+    rate_Hz, per_kind = recordings.sampling_rate_Hz, len(recordings) * spec.copies
+    n_rest = int(RESTS * common_onset_s(recordings) * rate_Hz) or max(1, int(BEGIN_S * rate_Hz))
     places = np.arange(per_kind * len(spec.kinds)) if places is None else places
     at_once = max(1, BLOCK_VALUES // max(1, int(recordings.lengths.max()) * recordings.n_channels))
     for of_kind in np.split(places, np.flatnonzero(np.diff(places // per_kind)) + 1):
         for first in range(0, len(of_kind), at_once):
             number, rows = divmod(of_kind[first : first + at_once], per_kind)
-            yield _block(recordings, rows, spec.kinds[number[0]], spec, rest)
+            yield _block(recordings, rows, spec.kinds[number[0]], spec, n_rest)
 
 
 def order_of(n_trials: int, spec: AugmentationSpec) -> tuple[np.ndarray, np.ndarray]:
@@ -209,29 +210,31 @@ class CopiesWhenRead:
         return Variations(self, trials[places] if of is None else of, kind[places], places)
 
 
-def _block(recordings: Recordings, rows: np.ndarray, kind: str, spec: AugmentationSpec, rest: "_Rest") -> _VariedCopies:
-    """Some copies of a kind. rows: of each, its trial times the number of copies, and its own number."""
+def _block(recordings: Recordings, rows: np.ndarray, kind: str, spec: AugmentationSpec, n_rest: int) -> _VariedCopies:
+    """Some copies of a kind. rows: of each, its trial times the number of copies, and its own number.
+
+    n_rest: samples of each trial whose mean is its rest: test trials may not tell that of a training trial.
+    """
     rate_Hz, signals = recordings.sampling_rate_Hz, []
     of, numbers = divmod(rows, spec.copies)
     samples = {trial: int(recorded_digest(recordings, trial), 16) for trial in {*of.tolist()}}
     for trial, copy in zip(of.tolist(), numbers.tolist(), strict=True):
         rng = np.random.default_rng([spec.seed, samples[trial], copy])
-        signals.append(_copy(recordings.signals[trial], rate_Hz, kind, spec, rest, rng))
+        signals.append(_copy(recordings.signals[trial], rate_Hz, kind, spec, n_rest, rng))
     conditions = recordings.conditions.iloc[of].reset_index(drop=True)
     about = recordings.unit, conditions, recordings.channels, recordings.source
     return _VariedCopies(kind, Recordings(signals, rate_Hz, *about), of)
 
 
 def _copy(
-    signal: np.ndarray, rate_Hz: float, kind: str, spec: AugmentationSpec, rest: "_Rest", rng: np.random.Generator
+    signal: np.ndarray, rate_Hz: float, kind: str, spec: AugmentationSpec, n_rest: int, rng: np.random.Generator
 ) -> np.ndarray:
     parts = kind.split(JOIN)
     speed = _factor(spec.time_factor, rng)  # always drawn, so that kinds differ only in what varies
     gain = _factor(spec.gain_factor, rng)
     shift = rng.uniform(0, 1e-3 * spec.shift_ms * rate_Hz)
-    varied = signal
+    varied, level = signal, signal[:n_rest].mean(axis=0, dtype=np.float64)
     if "gain" in parts:
-        level = rest.level(signal)
         varied = level + gain * (signal - level)
     if "time" in parts or "start" in parts:
         varied = played(varied, speed if "time" in parts else 1.0, shift if "start" in parts else 0.0)
@@ -239,32 +242,8 @@ def _copy(
         n = signal.shape[1]
         still = rng.choice(n, min(n - 1, max(1, round(spec.taxel_share * n))), replace=False)
         varied = varied.copy()
-        varied[:, still] = rest.level(signal)[still]
+        varied[:, still] = level[still]
     return varied.astype(np.float32)
-
-
-class _Rest(NamedTuple):
-    """The rest of a sensor, about which signals are scaled.
-
-    n_samples: of each trial before the touch; 0 if trials begin with it. begin: the mean of each taxel at the beginning
-    of trials, `(channel,)`, which stands for the rest where trials have none.
-    """
-
-    n_samples: int
-    begin: np.ndarray
-
-    @classmethod
-    def of(cls, recordings: Recordings) -> "_Rest":
-        n_begin = max(1, int(BEGIN_S * recordings.sampling_rate_Hz))
-        chosen = evenly(len(recordings)).tolist()
-        begin = np.mean(
-            [recordings.signals[trial][:n_begin].mean(axis=0, dtype=np.float64) for trial in chosen], axis=0
-        )
-        return cls(int(RESTS * common_onset_s(recordings) * recordings.sampling_rate_Hz), begin)
-
-    def level(self, signal: np.ndarray) -> np.ndarray:
-        """The rest of one trial `(time, channel)`, `(channel,)`."""
-        return signal[: self.n_samples].mean(axis=0, dtype=np.float64) if self.n_samples else self.begin
 
 
 def _factor(most: float, rng: np.random.Generator) -> float:

@@ -355,7 +355,7 @@ def split_conditions(
     if spec.order is not None:
         ranks = _ranks(conditions, spec.order)
         return _with_copies(first, labels, lambda distinct: _in_order(strata[distinct], ranks[distinct], spec))
-    groups = _groups(conditions, spec.group)
+    groups = groups_of(conditions, spec.group)
     if groups is None and not spec.test_where and spec.folds is None:
         return _with_copies(first, labels, lambda distinct: split_trials(strata[distinct], spec))
     groups = None if groups is None else groups[joined(groups, first)]
@@ -485,8 +485,29 @@ def hold_out_groups(labels: np.ndarray, groups: np.ndarray, share: float, seed: 
     >>> len(held), len(set(held // 4)), np.unique(held // 20).tolist()
     (8, 2, [0, 1])
     """
-    trials = _Trials(labels, labels, np.unique(groups, return_inverse=True)[1], SplitSpec(group=("groups",)))
-    return trials.share(np.arange(len(labels)), share, seed)
+    return _in_groups(labels, groups).share(np.arange(len(labels)), share, seed)
+
+
+def folds_of_groups(labels: np.ndarray, groups: np.ndarray, n_folds: int, seed: int) -> np.ndarray | None:
+    """The fold of each example, `(example,)`, in whole groups, at most `n_folds`; None for a single group.
+
+    labels, groups: `(example,)`.
+
+    >>> folds = folds_of_groups(np.repeat(["felt", "silk"], 20), np.arange(40) // 4, 5, seed=0)
+    >>> np.ptp(folds.reshape(-1, 4), axis=1).any(), np.unique(folds).tolist()
+    (False, [0, 1, 2, 3, 4])
+    """
+    n_folds = min(n_folds, len(np.unique(groups)))
+    if n_folds < 2:
+        return None
+    trials, folds = _in_groups(labels, groups), np.empty(len(labels), np.int64)
+    for fold, tested in enumerate(trials._folds_of(np.arange(len(labels)), n_folds, seed)):
+        folds[tested] = fold
+    return folds
+
+
+def _in_groups(labels: np.ndarray, groups: np.ndarray) -> _Trials:
+    return _Trials(labels, labels, np.unique(groups, return_inverse=True)[1], SplitSpec(group=("groups",)))
 
 
 def hold_out(labels: np.ndarray, share: float, seed: int | np.random.RandomState, first: np.ndarray) -> np.ndarray:
@@ -700,7 +721,7 @@ def _strata(conditions: pd.DataFrame, stratify: Iterable[str]) -> np.ndarray:
     return strata.to_numpy(dtype=str)
 
 
-def _groups(conditions: pd.DataFrame, group: Iterable[str]) -> np.ndarray | None:
+def groups_of(conditions: pd.DataFrame, group: Iterable[str]) -> np.ndarray | None:
     """The name of each trial's group; None if no group is requested."""
     columns = [conditions[_known(conditions, column, "split.group")].astype(str) for column in group]
     return None if not columns else np.array([", ".join(values) for values in zip(*columns, strict=True)])

@@ -49,12 +49,14 @@ def compare(
     spec: EncoderSpec,
     progress: Progress | None = None,
     rule: CalibrationRule = CalibrationRule(),
+    group: tuple[str, ...] = (),
 ) -> _Compared:
     """Calibrate with each baseline and polarity, and in full with the causal one that is chosen.
 
     The table begins with the highest accuracy of logistic regression on the SA-I rates of training trials (ties: the
     better separation by ISIs). The first causal one, in the order of `BASELINES` and `POLARITIES`, within one standard
     error of the best is chosen. RA-I responds to changes of either sign, so polarity does not affect it.
+    group: as for `calibrate`.
     Raises InputError if no alternative can be calibrated, and for an encoder with both polarities.
     """
     if not isinstance(spec, DrivenSpec):
@@ -67,7 +69,7 @@ def compare(
         row = {"baseline": baseline, "polarity": polarity, "acausal": baseline in ACAUSAL, "why_not": ""}
         counted = _Counted(progress, f"{baseline}, {polarity}")
         try:
-            fitted = _with(recordings, spec, baseline, polarity, counted.advance, coarse, tell=False)
+            fitted = _with(recordings, spec, baseline, polarity, counted.advance, coarse, group=group, tell=False)
             row["accuracy"], n_trials = fitted.accuracy, len(fitted.labels)
             row |= {f"separation_{kind}": _separation(fitted, name) for kind, name in (("sa", "SA-I"), ("ra", "RA-I"))}
         except InputError as error:
@@ -90,7 +92,7 @@ def compare(
     best = causal.index[0] if causal.accuracy.isna().all() else found.chosen
     table["chosen"] = table.index == best
     first = table.loc[best]
-    return _Compared(table, _with(recordings, spec, first["baseline"], first["polarity"], progress, rule))
+    return _Compared(table, _with(recordings, spec, first["baseline"], first["polarity"], progress, rule, group=group))
 
 
 def _with(
@@ -101,11 +103,13 @@ def _with(
     progress: Progress | None,
     rule: CalibrationRule,
     *,
+    group: tuple[str, ...],
     tell: bool = True,
 ) -> Calibration[Any]:
     conditioning = spec.conditioning.model_copy(update={"baseline": baseline, "rectify": polarity == "both"})
     changed = spec.model_copy(update={"conditioning": conditioning})
-    return calibrate(recordings, changed, progress, rule, inverted=polarity == "falling", tell=tell, steady=True)
+    how: dict[str, Any] = {"inverted": polarity == "falling", "group": group, "tell": tell, "steady": True}
+    return calibrate(recordings, changed, progress, rule, **how)
 
 
 def _separation(fitted: Calibration[Any], afferent: str) -> float:

@@ -19,6 +19,7 @@ import pandas as pd
 from neurotact.data.conditioning import ACAUSAL, Baseline, ConditioningSpec
 from neurotact.data.onset import common_onset_s
 from neurotact.data.recordings import Trials, default_channels
+from neurotact.data.splits import folds_of_groups, groups_of
 from neurotact.data.spool import Spool
 from neurotact.data.window_choice import RESTS
 from neurotact.encoders import firing
@@ -53,7 +54,7 @@ from neurotact.encoders.specs import (
 )
 from neurotact.errors import InputError, some
 from neurotact.metrics.decision import Decision, otherwise
-from neurotact.metrics.linear import cross_validated_accuracy
+from neurotact.metrics.linear import FOLDS, cross_validated_accuracy
 from neurotact.spec import refuse
 
 NEAR = 0.2
@@ -98,6 +99,7 @@ class Calibration(Generic[Encoder]):
     notes: the changes of the spec, and warnings.
     apart: what `accuracy` tests by the trials of other values, `(trial,)`, or None.
     order: random numbers of the trials, `(trial,)`, by which `accuracy` deals them into folds, or None.
+    folds: of the trials, `(trial,)`, which keep groups whole, for `accuracy` without values of `apart`; or None.
     """
 
     encoder: Encoder
@@ -109,6 +111,7 @@ class Calibration(Generic[Encoder]):
     notes: tuple[str, ...]
     apart: np.ndarray | None = None
     order: np.ndarray | None = None
+    folds: np.ndarray | None = None
 
     @cached_property
     def accuracy(self) -> float:
@@ -116,12 +119,16 @@ class Calibration(Generic[Encoder]):
 
         NaN if a class has one trial.
         """
-        return cross_validated_accuracy(self.rates, self.labels, self.apart, self.order)
+        return self._accuracy_on(self.rates)
 
     @cached_property
     def accuracy_of_both(self) -> float:
         """As `accuracy`, on the rates of SA-I and RA-I."""
-        return cross_validated_accuracy(np.hstack([self.rates, self.rates_ra]), self.labels, self.apart, self.order)
+        return self._accuracy_on(np.hstack([self.rates, self.rates_ra]))
+
+    def _accuracy_on(self, rates: np.ndarray) -> float:
+        by = self.apart if self.is_apart else self.folds
+        return cross_validated_accuracy(rates, self.labels, by, self.order)
 
     @property
     def is_apart(self) -> bool:
@@ -161,6 +168,7 @@ def calibrate(
     *,
     inverted: bool = False,
     apart: tuple[str, ...] = (),
+    group: tuple[str, ...] = (),
     tell: bool = True,
     steady: bool = False,
     share: Callable[..., DrawnTrials] = DrawnTrials,
@@ -181,6 +189,7 @@ def calibrate(
     progress: called with 1 and a note at each of the `rule.candidates` steps.
     inverted: SA-I is driven by the signal's fall instead of its rise: the scales are negative.
     apart: conditions that the test leaves out; `Calibration.accuracy` tests each of their values by the others.
+    group: conditions that name groups, which the split and the folds of `Calibration.accuracy` keep whole.
     tell: log the notes, too.
     steady: trials and their excerpts are drawn by what is in them, so that one that is left out moves no other.
     share: makes the trials that are fitted on, or, with `steady`, returns those of another fit of these recordings.
@@ -259,9 +268,11 @@ def calibrate(
     others = others[0] if others else first[:, :0]
     if populations(spec)[0] not in SA_RA:  # all populations choose the baseline
         first, others = np.hstack([first, others]), first[:, :0]
-    groups = drawn.conditions[list(apart)].astype(str).agg(", ".join, axis=1).to_numpy() if apart else None
+    values, groups = (groups_of(drawn.conditions, columns) for columns in (apart, group))
+    folds = None if groups is None else folds_of_groups(drawn.labels, groups, FOLDS, rule.seed)
+    of_trials = values, shared.numbers, folds
     turned_to = with_taxels_of(turned_to, asked)
-    return Calibration(turned_to, table, isi, first, others, conditioned.labels, tuple(notes), groups, shared.numbers)
+    return Calibration(turned_to, table, isi, first, others, conditioned.labels, tuple(notes), *of_trials)
 
 
 def calibrate_causally(
@@ -274,6 +285,7 @@ def calibrate_causally(
     choose_opposite: bool = False,
     choose_grades: bool = False,
     apart: tuple[str, ...] = (),
+    group: tuple[str, ...] = (),
     tell: bool = True,
 ) -> Calibration[Encoder]:
     """`calibrate` with the baseline of `PAST` that gives the best separation of the classes by SA-I.
@@ -300,19 +312,20 @@ def calibrate_causally(
         afferents with one grade.
     apart: conditions that the test leaves out: with several values of them, the accuracies are those of each value by
         the trials of the others, so that the choices are made for untrained ones.
+    group: as for `calibrate`.
     progress: called with 1 and a note at each of `rule.candidates` steps of each combination. tell: log the notes, too.
     Raises InputError if none of them can be calibrated.
     """
     own_Hz, asked, spec = spec.conditioning.ema_cutoff_Hz, spec, with_taxels_of(spec)
     cutoffs_Hz = _cutoffs(own_Hz, recordings.sampling_rate_Hz) if choose_ema else [own_Hz]
 
-    share = cache(DrawnTrials)
+    how: dict[str, Any] = {"apart": apart, "group": group, "tell": False, "steady": True, "share": cache(DrawnTrials)}
     fits: list[tuple[Encoder, Calibration[Encoder]]] = []
     at_rest = _AtRest(recordings)
 
     def fit(tried: Encoder) -> Calibration[Encoder]:
         short = rule.model_copy(update={"every": False})
-        found = calibrate(recordings, tried, progress, short, apart=apart, tell=False, steady=True, share=share)
+        found = calibrate(recordings, tried, progress, short, **how)
         fits.append((tried, found))
         return found
 
@@ -335,10 +348,12 @@ def calibrate_causally(
             best, notes = _of_grades((best, fit(graded)), notes)
     if rule.every:
         start = next(tried for tried, found in fits if found is best)
-        best = calibrate(recordings, start, None, rule, apart=apart, tell=False, steady=True, share=share)
+        best = calibrate(recordings, start, None, rule, **how)
     notes = *best.notes, *notes
     if best.is_apart:
         notes = *notes, f"these accuracies are of each value of {', '.join(apart)} by the training trials of the others"
+    elif best.folds is not None:
+        notes = *notes, f"these accuracies are of training trials by those of other groups ({', '.join(group)})"
     if tell:
         _log(notes, recordings)
     return replace(best, notes=notes, encoder=with_taxels_of(best.encoder, asked))
@@ -552,6 +567,7 @@ def calibration_for(
     choose_opposite: bool = True,
     choose_grades: bool = False,
     apart: tuple[str, ...] = (),
+    group: tuple[str, ...] = (),
 ) -> tuple[Callable[..., Calibration[Any]], int]:
     """The calibration of an encoder, and how many times at most it goes through all candidates of its rule.
 
@@ -570,14 +586,14 @@ def calibration_for(
         given, dict.fromkeys((*FITTED, *(sensitivity.key for sensitivity in sensitivities_of(spec))), BY_CALIBRATION)
     )
     if spec.conditioning.baseline not in ACAUSAL or "conditioning.baseline" in given:
-        return partial(calibrate, apart=apart), 1
+        return partial(calibrate, apart=apart, group=group), 1
     choose_ema = choose_ema and "conditioning.ema_cutoff_Hz" not in given
     choose_opposite = choose_opposite and "sa1.opposite" not in given and with_opposite(spec) is not None
     is_graded = {"sa1.grades", "ra1.grades"} & {*given} or _with_grades(spec) is None
     choose_grades = choose_grades and bool(apart) and not is_graded
     n_times = len(PAST) * (2 if choose_opposite else 1) + (MOST_CUTOFFS - 1 if choose_ema else 0) + choose_grades
-    how = {"choose_ema": choose_ema, "choose_opposite": choose_opposite, "choose_grades": choose_grades, "apart": apart}
-    return partial(calibrate_causally, **how), n_times
+    how = {"choose_ema": choose_ema, "choose_opposite": choose_opposite, "choose_grades": choose_grades}
+    return partial(calibrate_causally, **how, apart=apart, group=group), n_times
 
 
 def with_integration(spec: Encoder, given: Container[str], recorded_Hz: float) -> tuple[Encoder, list[str]]:

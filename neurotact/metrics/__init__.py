@@ -9,11 +9,10 @@ Other rooms take:
         index_bytes, ledger_table, passed, with_weights
     fronts: pareto_front
     isi_distributions: bin_edges, bins_of, separation, shares_of
-    linear: cross_validated_accuracy, linear
+    linear: FOLDS, cross_validated_accuracy, linear
     paired: Paired, by_trial, compare, compare_by_trial, compare_shares, p_in_words
     power: WEAK, can_beat_guessing, in_words, is_too_weak
-    prices: ACCESSES, ARITHMETIC_45NM, DEFAULT, MEMORY_45NM, NEURONS, PRICED, PriceList, Priced, WIDE, names,
-        price_list
+    prices: ACCESSES, ARITHMETIC_45NM, DEFAULT, MEMORY_45NM, NEURONS, PRICED, PriceList, Priced, WIDE, names, price_list
     referee: GAP, Verdict, Way, best_of, cheapest_of, holm, is_gap, judge, least_difference, level_with_best,
         may_be_cheapest
     resampled: DIFFERENCES, Interval, LEAST_SPLITS, SHARES, compare_over_splits, least_difference_over_splits,

@@ -216,7 +216,7 @@ def encoder_of(
         return cell.encoder
     known, task = cell.subset if cell.test_every_condition else {}, task_of(cell)
     choices: dict[str, Any] = {choice: getattr(cell, choice) for choice in CHOICES}
-    choices["apart"] = tuple(cell.split.test_where) if between else ()
+    choices |= {"apart": tuple(cell.split.test_where) if between else (), "group": cell.split.group}
 
     def fitted(start: EncoderSpec, spikes_per_s: float | None) -> EncoderSpec:
         key = digest([start.model_dump(mode="json"), cell.split.model_dump(), known, spikes_per_s, choices])

@@ -89,8 +89,7 @@ def _fitted(
             known = tasks.trials_of(trains, last)
             cuts = cuts._replace(last=of_sides(with_training(cut(known), trains, cell, known)))
         of_signals = opponents.signal_inputs(recordings, cuts, study.baselines, pieces) if is_first else ()
-        recorded = int((windows.trial < len(trains)).sum())
-        counts = {"is_first": is_first, "encoding": study.encoding_in == "processor", "recorded": recorded}
+        counts = {"is_first": is_first, "encoding": study.encoding_in == "processor"}
         of_spikes = opponents.spike_inputs(every, pair, cuts, study.baselines, **counts)
         is_of_another = cell.calibrate is not None and cell.test_every_condition and where != cell.subset
         of_spikes = () if study.baselines == "linear" or is_of_another else of_spikes  # an encoder of other trials

@@ -4,8 +4,9 @@ Each way is a module that an entry point of the group `neurotact.ways` names. It
 functions of `_Way`, which connect estimators, signals, costs and drawings of other modules.
 """
 
+import inspect
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from typing import Any, Literal, NamedTuple, Protocol, cast
+from typing import Any, Literal, NamedTuple, Protocol, cast, get_args
 
 import numpy as np
 import pandas as pd
@@ -17,6 +18,8 @@ from neurotact.spec import Spec
 with lazily():
     from neurotact.figures import style
 
+Optional = Literal["named", "cautions", "tables", "own"]
+"""Functions that the module of a way may also have."""
 Arrays = dict[str, np.ndarray]
 """The shared input of the cells of a study, by name; no array of objects."""
 
@@ -160,17 +163,27 @@ class _Way(Protocol):
         ...
 
 
-def optional(module: _Way, name: Literal["named", "cautions", "tables", "own"]) -> Callable[..., Any] | None:
+def optional(module: _Way, name: Optional) -> Callable[..., Any] | None:
     """An optional function of a way; None if it lacks it."""
     return getattr(module, name, None)
 
 
 def module_of(name: str) -> _Way:
-    """The module of a way; InputError for an unknown name, with the nearest, and for a module without a part."""
+    """The module of a way.
+
+    InputError for an unknown name, with the nearest, for a module without a part, and for one with a function that is
+    meant to be a part, since it takes `results` alone, and that no study calls.
+    """
     module = plugins.load("ways", name)
     lacking = [part for part in ("Parameters", "VIEW", "load", "run", "draw") if not hasattr(module, part)]
     if lacking:
         raise plugins.unfit("ways", name, f"has no {lacking[0]}")
     if not (isinstance(module.Parameters, type) and issubclass(module.Parameters, Spec)):
         raise plugins.unfit("ways", name, "has Parameters that are not a Spec")
+    for key, one in inspect.getmembers(module, inspect.isfunction):
+        is_own = one.__module__ == module.__name__ and not key.startswith("_")
+        if is_own and key not in get_args(Optional) and [*inspect.signature(one).parameters] == ["results"]:
+            known = ", ".join(get_args(Optional))
+            why = f"has a function '{key}' of the results that no study calls ({known} are; a helper begins with _)"
+            raise plugins.unfit("ways", name, why)
     return cast(_Way, module)

@@ -149,14 +149,14 @@ def draw(results: pd.DataFrame, arrays: Arrays) -> Iterator[Drawn]:
     yield Drawn(
         "beside-the-published",
         "Comparison with the published values",
-        draw_beside(results),
+        _draw_beside(results),
         "Test accuracy of each training. Dotted: published.",
         "One mark per training, for the recurrent and the feed-forward network, and the published accuracy of each.",
     )
 
 
 @printed
-def draw_beside(results: pd.DataFrame) -> Figure:
+def _draw_beside(results: pd.DataFrame) -> Figure:
     """A column for each network, a mark for each training."""
     figure = new_figure(2.6)
     axes = figure.subplots()

@@ -104,7 +104,7 @@ def _classical(bench: Bench, trains: SpikeTrains) -> Iterator[dict[str, Any]]:
         yield {**by_list.the_same(kept), "sops_total": float("nan")}
 
 
-def points(results: pd.DataFrame) -> pd.DataFrame:
+def _points(results: pd.DataFrame) -> pd.DataFrame:
     """A row for each set, split, classifier and input: means over seeds and the 95 % interval of the test accuracy.
 
     Columns: set, split, classifier, input, seeds, accuracy_test, low and high (NaN for one or two),
@@ -264,7 +264,7 @@ def draw(results: pd.DataFrame, arrays: Arrays) -> Iterator[Drawn]:
     shown = of_run(results)
     if shown.empty:
         return
-    table = points(shown)
+    table = _points(shown)
     yield Drawn(
         "real-sets-energy",
         "What each family reaches at which energy",

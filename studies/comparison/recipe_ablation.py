@@ -100,7 +100,7 @@ def _of(plain: Mapping[str, Any], key: str) -> Any:
     return plain[key]
 
 
-def changes(results: pd.DataFrame) -> pd.DataFrame:
+def _changes(results: pd.DataFrame) -> pd.DataFrame:
     """A row for each set and change: the accuracy that is lost compared with the recipe, seed by seed.
 
     results: rows with set, change, seed, n_train, n_test, accuracy_test and sops_total.
@@ -140,7 +140,7 @@ def tables(results: pd.DataFrame) -> dict[str, tuple[Listed]]:
 def _by_set(results: pd.DataFrame) -> Iterator[tuple[str, pd.DataFrame, pd.DataFrame]]:
     """Of each set the rows of the recipe, and its changes with the largest loss first."""
     for name, rows in of_run(results).groupby("set", sort=False):
-        table = changes(rows)
+        table = _changes(rows)
         order = table.sort_values("lost", ascending=False, kind="stable") if len(table) else table
         yield str(name), rows[rows["change"] == WHOLE], order
 
@@ -223,7 +223,7 @@ def _signed(change: Any) -> str:
 
 def draw(results: pd.DataFrame, arrays: Arrays) -> Iterator[Drawn]:
     """Accuracy lost by each change, a panel per set."""
-    table = changes(of_run(results))
+    table = _changes(of_run(results))
     if table.empty:
         return
     yield Drawn(

@@ -317,9 +317,7 @@ def _inputs(prepared: Prepared, every: SpikeTrains, cuts: Cuts) -> Iterator[Inpu
     for one in opponents.signal_inputs(recordings, cuts, "quick", pieces):
         yield one if one.features.ndim == 3 else one._replace(opponents=on_features)
     first_ms, second_ms = t_ref_pair_ms(cell.encoder)
-    *_, binned = opponents.spike_inputs(
-        every, (second_ms, first_ms), cuts, recorded=int((cuts.windows.trial < len(trains)).sum())
-    )
+    *_, binned = opponents.spike_inputs(every, (second_ms, first_ms), cuts)
     yield binned._replace(opponents=on_features)
 
 

@@ -199,7 +199,7 @@ def draw(results: pd.DataFrame, arrays: Arrays) -> Iterator[Drawn]:
     yield Drawn(
         "accuracy-over-bits",
         "Accuracy over bits of states",
-        draw_over_bits(results),
+        _draw_over_bits(results),
         "Test accuracy with early exit over the bits of currents and membranes, a line for each number of weight bits, "
         "a panel for each pair of refractory periods (RA-I & SA-I) and each method for integer weights. Dotted: float; "
         "dashed: float, with further training as long as fine-tuning.",
@@ -208,7 +208,7 @@ def draw(results: pd.DataFrame, arrays: Arrays) -> Iterator[Drawn]:
     yield Drawn(
         "rounding-and-fine-tuning",
         "Rounding and fine-tuning",
-        draw_over_weight_bits(results),
+        _draw_over_weight_bits(results),
         f"Test accuracy with early exit over the bits of weights, states of {_usual_bits(results)} bits, and the bytes "
         "of weights and one window's states. Bars: standard deviation over seeds. Dotted: float; dashed: float, "
         "with further training as long as fine-tuning.",
@@ -217,7 +217,7 @@ def draw(results: pd.DataFrame, arrays: Arrays) -> Iterator[Drawn]:
 
 
 @printed
-def draw_over_bits(results: pd.DataFrame) -> Figure:
+def _draw_over_bits(results: pd.DataFrame) -> Figure:
     """A column of panels for each pair of refractory periods, a row for each method for integer weights."""
     pairs, whole = list(dict.fromkeys(results["pair"])), results[results["weight_bits"] != FLOAT]
     methods = list(dict.fromkeys(whole["method"]))
@@ -240,7 +240,7 @@ def draw_over_bits(results: pd.DataFrame) -> Figure:
 
 
 @printed
-def draw_over_weight_bits(results: pd.DataFrame) -> Figure:
+def _draw_over_weight_bits(results: pd.DataFrame) -> Figure:
     """A panel for each pair of refractory periods, and one of the bytes."""
     pairs, state_bits = list(dict.fromkeys(results["pair"])), _usual_bits(results)
     whole = results[results["state_bits"] == state_bits]

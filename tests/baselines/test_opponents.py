@@ -35,17 +35,18 @@ def cuts(trial_steps, spec=None, clock_Hz=1000.0) -> Cuts:
 def test_spikes_are_counted_over_the_window_and_in_its_tenths():
     rasters = np.zeros((40, 20, 2), np.uint8)
     rasters[0, [0, 1, 5, 19], 0] = 1
+    rasters[split().test[:2], 3] = 1
     trains = from_rasters(rasters, 1000.0, ("SA-I a", "RA-I a"), CONDITIONS, {"model": "lif"})
     whole, binned = opponents.spike_inputs(trains, (1.0, 5.0), cuts(trains.trial_steps))
     assert whole.features[0].tolist() == [4.0, 0.0]
     assert binned.features[0].reshape(10, 2)[:, 0].tolist() == [2, 0, 1, 0, 0, 0, 0, 0, 0, 1]
     assert binned.words == "10 time bins"
     assert whole.pair == (1.0, 5.0)
-    # Each spike is one addition on top of the encoding: 4 spikes in 40 windows.
-    assert whole.made.acs - encoding_cost(1, 20, 20.0, {}).acs == pytest.approx(0.1)
+    # Each spike is one addition on top of the encoding: 4 spikes in 8 test windows, whatever the others hold.
+    assert whole.made.acs - encoding_cost(1, 20, 20.0, {}).acs == pytest.approx(0.5)
     in_sensor = opponents.spike_inputs(trains, (1.0, 5.0), cuts(trains.trial_steps), encoding=False)
     counted = [
-        Cost(acs=0.1, signal_ms=20, states_accesses=0.2, buffers_accesses=n * 2, buffers_bytes=4 * n * 2)
+        Cost(acs=0.5, signal_ms=20, states_accesses=1.0, buffers_accesses=n * 2, buffers_bytes=4 * n * 2)
         for n in (1, 10)
     ]
     assert [one.made for one in in_sensor] == counted

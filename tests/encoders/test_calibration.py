@@ -16,6 +16,7 @@ from levels import thinned
 from made_recordings import made, most_held
 from neurotact_parts.studies.texture import reader as fabricslide
 
+import neurotact as nt
 from neurotact import spec as specs
 from neurotact.data import conditioning, spool
 from neurotact.data.hdf5 import open_recordings, save_recordings
@@ -786,6 +787,29 @@ def test_choices_for_untrained_conditions_are_made_between_them():
         calibrate_causally(one_day, SPEC, rule=RULE, apart=("day",)).encoder
         == calibrate_causally(one_day, SPEC, rule=RULE).encoder
     )
+
+
+def test_choices_for_untrained_groups_are_made_between_them(caplog):
+    """A split that keeps the trials of a day together: a level tells classes within a day, not between days."""
+    recordings = slides((2.0, 8.0))
+    days = np.arange(len(recordings)) // 2 % 4
+    levels = 40.0 * (recordings.labels ^ days % 2)
+    told = recordings.conditions.assign(day=days)
+    signals = [signal + level for signal, level in zip(recordings.signals, levels, strict=True)]
+    recordings = replace(recordings, signals=signals, conditions=told)
+    found, at_random = (calibrate_causally(recordings, SPEC, rule=RULE, group=group) for group in (("day",), ()))
+    assert found.folds is not None
+    assert [len({*found.folds[days == day]}) for day in range(4)] == [1, 1, 1, 1]
+    assert len({*found.folds}) == 4
+    assert found.accuracy == cross_validated_accuracy(found.rates, found.labels, found.folds)
+    assert found.encoder.conditioning.baseline != "none"
+    assert at_random.folds is None
+    nt.calibrate(recordings, SPEC, split=nt.Split(group="day"))
+    assert "these accuracies are of training trials by those of other groups (day)" in caplog.text
+    refused = patch("neurotact.encoders.alternatives.calibrate", side_effect=InputError("enough"))
+    with refused as compared, pytest.raises(InputError, match="enough"):
+        nt.calibrate(recordings, SPEC, split=nt.Split(group="day"), compare=True)
+    assert {call.kwargs["group"] for call in compared.call_args_list} == {("day",)}
 
 
 def test_several_grades_are_for_untrained_conditions_alone():

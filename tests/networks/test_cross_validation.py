@@ -272,7 +272,9 @@ def test_seeds_that_test_the_same_trials_are_no_further_splits(at_speeds, tmp_pa
     """They say nothing of other test trials: their interval is that of these."""
     given = ["--test-where", "speed=450", "--repeats", "3"]
     said = in_process.typed("train", at_speeds, "-o", tmp_path / "run", *COMMAND.split(), *given).out
-    shares = pd.read_csv(tmp_path / "run" / "splits.csv", comment="#")["accuracy_test"]
+    table = pd.read_csv(tmp_path / "run" / "splits.csv", comment="#")
+    assert table["left_out"].tolist() == ["speed = 450"] * 3
+    shares = table["accuracy_test"]
     low, high = 100 * np.mean([wilson_interval(share, 8) for share in shares], axis=0)
     mean = f"accuracy {100 * shares.mean():.1f} % (95 % interval {low:.1f} to {high:.1f} %)"
     assert f"{mean} over 3 splits with the same test trials, " in said

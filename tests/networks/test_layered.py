@@ -6,6 +6,7 @@ import torch
 
 import neurotact as nt
 from neurotact.errors import InputError
+from neurotact.metrics.flops import SpikingLayer
 from neurotact.networks.definition import module
 from neurotact.networks.definition.initial import start
 from neurotact.networks.definition.specs import RSNNSpec
@@ -81,6 +82,32 @@ def test_operations_counted_by_hand(recurrent):
     early = network.infer(spikes, RULE)
     cut = [network.infer(spikes[k : k + 1, : int(n)]) for k, n in enumerate(early.steps)]
     assert synops_of(early, network).total.tolist() == [int(synops_of(one, network).total[0]) for one in cut]
+
+
+@pytest.mark.parametrize(("recurrent", "n_layers"), [(False, 1), (False, 2), (True, 2), (False, 3), (True, 3)])
+def test_each_layer_has_the_operations_and_spikes_that_it_receives_in_the_bill(recurrent, n_layers):
+    """A spike is written and read once by each layer that hears it, and read again where it comes back."""
+    sizes = [6, 4, 7][:n_layers]
+    network = layered(hidden=sizes, recurrent=recurrent, recurrent_weight_scale=0.5)
+    spikes = spikes_of()
+    hidden, found = network.simulate(spikes).hidden.detach().sum(dim=1).double().mean(dim=0), network.infer(spikes)
+    sent = [float(one.sum()) for one in hidden.split(sizes)]
+    assert all(sent)
+    measured = {f"sops_{name}": float(v.mean()) for name, v in synops_of(found, network)._asdict().items()}
+    measured |= {name: float(getattr(found, name).double().mean()) for name in ("input_spikes", "hidden_spikes")}
+    layers, cost_of = [], SpikingLayer.cost
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(SpikingLayer, "cost", lambda layer: layers.append(layer) or cost_of(layer))
+        spent = network.module.cost(measured, 40.0, 80.0)
+    came = [measured["input_spikes"], *sent]
+    again = sum(sent) if recurrent else 0.0
+    assert spent.sops == pytest.approx(measured["sops_total"])
+    assert spent.buffers_accesses == pytest.approx(2 * sum(came) + again)
+    assert spent.sops_sent == pytest.approx(measured["sops_total"] - measured["sops_input"])
+    if n_layers < 3:
+        own = [n * (before + recurrent * after) for n, before, after in zip(sizes, came, sent, strict=False)]
+        assert [layer.sops for layer in layers] == pytest.approx(own)
+        assert [layer.spikes for layer in layers] == pytest.approx(came[:-1])
 
 
 @pytest.mark.parametrize("keys", [{}, {"bias": True, "recurrent": True, "tau_spread": 0.5}, {"readout": "count"}])

@@ -252,9 +252,11 @@ def test_a_search_takes_accuracy_alone_where_operations_are_not_counted():
 def test_the_cost_of_layers_by_hand():
     # 4 afferents, 6 and 4 neurons, 2 classes; 10 steps, in each of which a neuron takes two MACs.
     spec = RSNNSpec(hidden=[6, 4])
-    measured = dict.fromkeys(ledger.MEASURED, 0.0) | {"sops_total": 90.0, "sops_readout": 20.0}
+    measured = {"sops_input": 30.0, "sops_readout": 20.0, "sops_total": 90.0, "sops_total_feedforward": 90.0}
+    measured |= {"input_spikes": 5.0, "hidden_spikes": 20.0}
     spent = ledger.network_cost(spec, 4, 2, measured, steps=10, signal_ms=10.0)
     assert (spent.macs, spent.acs, spent.sops, spent.parameters) == (2 * 10 * 10, 90, 90, 4 * 6 + 6 * 4 + 4 * 2 + 2)
+    assert spent.buffers_accesses == 2 * (5 + 10 + 10)
     row = {ledger.OWN_KEYS: made("counts", units=7).spec.own_keys, "hidden": 0}
     assert ledger.spec_of_row(RSNNSpec(), row).own.units == 7
     assert not ledger.is_row_counted(RSNNSpec(), row)

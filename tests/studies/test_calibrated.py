@@ -60,6 +60,17 @@ def encoded(touches, monkeypatch, **changes):
     return folder, what, [hdf5.load_spikes(folder / cell.given).encoder for cell in study.cells(what)]
 
 
+def test_calibration_keeps_the_groups_of_the_split_together(touches, monkeypatch):
+    given, asked = hdf5.load_recordings(touches), []
+    told = given.conditions.assign(subject=np.arange(len(given)) // 2 % 5)
+    hdf5.save_recordings(replace(given, conditions=told), touches)
+    calibrate = calibration.calibrate
+    monkeypatch.setattr(calibration, "calibrate", lambda *a, **how: asked.append(calibrate(*a, **how)) or asked[-1])
+    encoded(touches, monkeypatch, **{"split.group": "subject"})
+    assert asked
+    assert all(found.folds is not None for found in asked)
+
+
 @pytest.mark.parametrize(
     ("changes", "choice"),
     [

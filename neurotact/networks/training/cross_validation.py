@@ -13,6 +13,7 @@ from neurotact import files
 from neurotact.data.copies import copies_of
 from neurotact.data.spikes import SpikeTrains
 from neurotact.data.splits import Splits, aside_of, combination, each_left_out
+from neurotact.data.trial_choice import values_in_words
 from neurotact.errors import InputError, some
 from neurotact.metrics.resampled import LEAST_SPLITS, SHARES, Interval, resampled_interval
 from neurotact.networks.definition.specs import RSNNSpec
@@ -116,7 +117,7 @@ def run(
             if task.split.folds:
                 split["fold"] = task.split.fold
             if task.split.test_where:
-                split[LEFT_OUT] = ", ".join(f"{key} = {value}" for key, value in task.split.test_where.items())
+                split[LEFT_OUT] = values_in_words(task.split.test_where)
             compared.append(result["compared"])
             rows.append({"folder": name, **split, **result["row"], "baseline": compared[-1]["baseline_accuracy"]})
         table = pd.DataFrame(rows)

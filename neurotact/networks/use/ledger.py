@@ -185,7 +185,8 @@ def is_counted(spec: RSNNSpec) -> bool:
     >>> is_counted(RSNNSpec()), is_counted(RSNNSpec(hidden=[20, 10]))
     (True, True)
     """
-    return spec.own is None or module.cost_of(spec, 1, 2, dict.fromkeys(MEASURED, 0.0), 1.0, 1.0) is not None
+    none: dict[str, float] = dict.fromkeys((*MEASURED, *SPIKES), 0.0)
+    return spec.own is None or module.cost_of(spec, 1, 2, none, 1.0, 1.0) is not None
 
 
 def spec_of_row(spec: RSNNSpec, row: Mapping[str, Any]) -> RSNNSpec:
@@ -365,7 +366,9 @@ def row_cost(
     before = "exit_" if early else ""
     measured = {name: row[f"{before}{name}"] for name in (SOPS if spec.own is None else MEASURED)}
     measured |= {name: row.get(f"{before}{name}") for name in TOUCHED}
-    if _known(row.get(SYNAPSES[0])) is not None:
+    if spec.own is not None:
+        measured |= {name: row.get(f"{before}{name}", float("nan")) for name in SPIKES}
+    elif _known(row.get(SYNAPSES[0])) is not None:
         measured |= {name: row[name] for name in SYNAPSES} | {name: row[f"{before}{name}"] for name in SPIKES}
     how = {"steps": steps, "signal_ms": signal_ms, "event_driven": event_driven}
     network = network_cost(own, afferents.n, n_classes, measured, **how)

@@ -62,7 +62,7 @@ def measure(trained: Trained, sides: Sides, populations: Mapping[str, np.ndarray
         **{f"exit_{name}": value for name, value in touched(windows, network.steps_per_bin, early.steps).items()},
         **({} if test.labels.ndim > 1 else _oracle(network, windows)),
         **({} if network.spec.own is None else {OWN_KEYS: network.spec.own_keys}),
-        **(_arriving(full, early) if network.spec.own is not None or not network.spec.hidden else {}),
+        **(_spikes_of(network, full, early) if network.spec.own is not None or not network.spec.hidden else {}),
         **(network.synapses and {**network.synapses, **_spikes("", full), **_spikes("exit_", early)}),
         "window_steps": test.spikes.shape[1],
         "steps_per_bin": network.steps_per_bin,
@@ -83,9 +83,10 @@ def measure(trained: Trained, sides: Sides, populations: Mapping[str, np.ndarray
     return found
 
 
-def _arriving(full: Inference, early: Inference) -> dict[str, float]:
-    """The mean spikes into a network, where operations do not tell them: its first layer is its own matter, or none."""
-    return {**_spikes("", full, SPIKES[:1]), **_spikes("exit_", early, SPIKES[:1])}
+def _spikes_of(network: Network, full: Inference, early: Inference) -> dict[str, float]:
+    """The mean spikes into a network, where operations do not tell them, and of its layers, if these are its own."""
+    names = SPIKES[: 1 if network.spec.own is None else 2]
+    return {**_spikes("", full, names), **_spikes("exit_", early, names)}
 
 
 def _answered(trained: Trained, full: Inference, early: Inference, test: Examples) -> dict[str, float]:

@@ -1,12 +1,14 @@
 """Doubts about recordings: nonsense is named with its fix, and what a sensor of touch records is not."""
 
 import h5py
+import in_process
 import numpy as np
 import pandas as pd
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 from neurotact_parts.readers.doubts import Fixes, doubts, kinds_of_names
+from neurotact_parts.readers.one_table import FEATURES
 
 import neurotact as nt
 from neurotact.data.recordings import Recordings
@@ -209,8 +211,6 @@ def test_every_import_says_them(tmp_path, kind, caplog):
 
 # --- a table with one row per touch -----------------------------------------------------------------
 
-FEATURES = "if each row is a touch of its own (features, without time), there is no signal: give a row per sample"
-
 
 def features(path, order, trial=False):
     """Sixty touches of three classes, a row of five features each, without time stamps."""
@@ -224,9 +224,7 @@ def features(path, order, trial=False):
 def test_a_row_per_touch_is_no_continuous_recording(tmp_path, caplog):
     by_class, shuffled = np.arange(60), np.random.default_rng(1).permutation(60)
     path = features(tmp_path / "a.csv", by_class)
-    with pytest.raises(
-        nt.InputError, match=r"as a trial with `segments=True`; if each row is a touch of its own \(features"
-    ):
+    with pytest.raises(nt.InputError, match=r"with `segments=True`; if each row is a touch of its own, give a row per"):
         nt.read_table(path, unit="V")
     nt.read_table(path, 100, "V", segments=True)
     assert f"{path}: each of the 3 classes is one stretch of rows; {FEATURES}" in caplog.messages
@@ -236,6 +234,20 @@ def test_a_row_per_touch_is_no_continuous_recording(tmp_path, caplog):
     with pytest.raises(nt.InputError) as refusal:
         nt.read_table(features(tmp_path / "c.csv", by_class, trial=True), 100, "V")
     assert str(refusal.value) == f"{tmp_path / 'c.csv'}: every trial has one row; {FEATURES}"
+
+
+def test_a_table_with_the_samples_of_a_touch_in_each_row_is_read_as_its_refusal_says(tmp_path):
+    samples = np.random.default_rng(0).normal(size=(20, 200)).cumsum(axis=1)
+    table = pd.DataFrame(samples, columns=[f"t{n}" for n in range(200)]).assign(label=["felt", "silk"] * 10)
+    table.to_csv(tmp_path / "wide.csv", index=False)
+    said = in_process.typed("import", "table", tmp_path / "wide.csv", "--unit", "V", "-o", tmp_path / "no.h5").err
+    command = said.partition("signals (trial, time) and label for neurotact ")[2].partition(" (features")[0]
+    np.savez(tmp_path / "touches.npz", signals=samples, label=table["label"].to_numpy(str))
+    words = command.replace("touches.npz", str(tmp_path / "touches.npz")).split()
+    in_process.typed(*words, "--sampling-rate-Hz", "100", "--unit", "V", "-o", tmp_path / "touches.h5")
+    read = nt.load_recordings(tmp_path / "touches.h5")
+    assert [*read.labels] == [0, 1] * 10
+    np.testing.assert_allclose(np.stack(read.signals)[..., 0], samples, rtol=1e-5)
 
 
 def test_a_recording_with_a_class_per_sample_is_not_doubted(tmp_path, caplog):
