@@ -447,7 +447,7 @@ class Comparison(NamedTuple):
         if not known.any() or not known.all():
             return None
         left = after.mean() / before.mean()
-        saved = 1 - left - (after - left * before) / before.mean()  # their mean is that of the tables: of means, 1 - left
+        saved = 1 - left - (after - left * before) / before.mean()  # whose mean is that of the tables, 1 - left
         if self._n_splits(both) < LEAST_SPLITS:
             return resampled_interval(saved, INDEPENDENT, 1, SAVED)
         in_splits = pd.Series(saved).groupby([both[key] for key in self.splits]).mean()
