@@ -287,7 +287,7 @@ def draw(results: pd.DataFrame, arrays: Arrays) -> Iterator[Drawn]:
 def draw_energy(table: pd.DataFrame) -> Figure:
     """A panel per set and split, a line per family: the front of accuracy over energy; networks are filled.
 
-    table: of `points`.
+    table: of `_points`.
     """
     panels = list(table[["set", "split"]].drop_duplicates().itertuples(index=False, name=None))
     families = list(dict.fromkeys(_family(name) for name in table["classifier"]))
@@ -316,7 +316,7 @@ def _family(classifier: str) -> str:
 def draw_points(table: pd.DataFrame) -> Figure:
     """A panel per set and split, a mark per classifier and input; networks are filled.
 
-    table: of `points`.
+    table: of `_points`.
     """
     panels = list(table[["set", "split"]].drop_duplicates().itertuples(index=False, name=None))
     names = list(dict.fromkeys(zip(table["classifier"], table["input"], strict=True)))
