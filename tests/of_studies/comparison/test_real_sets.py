@@ -234,6 +234,19 @@ def test_all_sets_are_told_first_each_with_its_network_and_rival():
     assert [cell.split()[0] for cell in listed.rows["points more"]] == ["+20.0", "-20.0"]
 
 
+@pytest.mark.parametrize(
+    ("others", "said"),
+    [
+        (["SVM"], "; it takes 0.5 times the rival's energy, where that is counted."),
+        (["SVM", "ELM"], " (other, trials)."),
+    ],
+)
+def test_an_energy_that_is_not_counted_is_left_out_of_the_sentence_on_all_sets(others, said):
+    rows = of_two_sets(4)
+    rows.loc[rows["classifier"].isin(others), "energy_estimate_nJ"] = float("nan")
+    assert named(rows)[ALL_SETS].headline.endswith(said)
+
+
 def test_the_next_step_is_more_splits_until_there_are_enough_for_an_interval():
     for n_seeds, step in ((2, "study run real-sets"), (4, "study run ways-to-save")):
         said = named(of_two_sets(n_seeds))
