@@ -165,7 +165,7 @@ class Layered(nn.Module):
         """
         n_classes, keys, into_readout = self.sizes.n_classes, self.keys, measured["sops_readout"]
         n, from_input = len(keys.hidden), measured["sops_input"]
-        between = measured["sops_total_feedforward"] - from_input - into_readout
+        between = max(0.0, measured["sops_total_feedforward"] - from_input - into_readout)  # means are rounded
         inside = measured["sops_total"] - measured["sops_total_feedforward"]
         of_last = into_readout / n_classes
         inner, own = measured["hidden_spikes"] - of_last, inside if n == 1 else min(inside, keys.hidden[-1] * of_last)
