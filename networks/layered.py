@@ -161,7 +161,8 @@ class Layered(nn.Module):
     def cost(self, measured: Mapping[str, float], steps: float, signal_ms: float) -> Cost:
         """The cost of a decision of so many steps of its clock; measured: mean SOPs and spikes, as in results.
 
-        Of three hidden layers or more, what the inner ones send is measured in sum: it stands in the first that may.
+        Of three hidden layers or more only sums are measured: the first layer bears the recurrence of all but the last,
+        and the second all that passes between layers.
         """
         n_classes, keys, into_readout = self.sizes.n_classes, self.keys, measured["sops_readout"]
         n, from_input = len(keys.hidden), measured["sops_input"]
