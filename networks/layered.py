@@ -161,11 +161,12 @@ class Layered(nn.Module):
     def cost(self, measured: Mapping[str, float], steps: float, signal_ms: float) -> Cost:
         """The cost of a decision of so many steps of its clock; measured: mean SOPs and spikes, as in results.
 
-        Of three hidden layers or more, what the inner ones send is measured in sum: it stands in the first that may.
+        Of three hidden layers or more only sums are measured: the first layer bears the recurrence of all but the last,
+        and the second all that passes between layers.
         """
         n_classes, keys, into_readout = self.sizes.n_classes, self.keys, measured["sops_readout"]
         n, from_input = len(keys.hidden), measured["sops_input"]
-        between = measured["sops_total_feedforward"] - from_input - into_readout
+        between = max(0.0, measured["sops_total_feedforward"] - from_input - into_readout)  # means are rounded
         inside = measured["sops_total"] - measured["sops_total_feedforward"]
         of_last = into_readout / n_classes
         inner, own = measured["hidden_spikes"] - of_last, inside if n == 1 else min(inside, keys.hidden[-1] * of_last)

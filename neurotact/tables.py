@@ -7,6 +7,7 @@ A class may have any name. In a .csv, a text that a spreadsheet would run as a f
 from __future__ import annotations
 
 import json
+import math
 import re
 import textwrap
 from collections.abc import Callable, Iterable, Mapping, Sequence
@@ -111,13 +112,13 @@ def _unguarded(text: Any) -> Any:
 
 
 def natural(value: object) -> list[tuple[int, float, str]]:
-    """Sort key of numbers by their size, and of texts with numbers in them in natural order.
+    """Sort key of numbers by their size, NaN last, and of texts with numbers in them in natural order.
 
-    >>> sorted(["class 10", "class 2", "Class 1"], key=natural), sorted([3.5, -20, 1], key=natural)
-    (['Class 1', 'class 2', 'class 10'], [-20, 1, 3.5])
+    >>> sorted(["class 10", "class 2", "Class 1"], key=natural), sorted([3.5, math.nan, -20, 1], key=natural)
+    (['Class 1', 'class 2', 'class 10'], [-20, 1, 3.5, nan])
     """
     if isinstance(value, Real):
-        return [(1, float(value), "")]
+        return [(1, math.inf if math.isnan(value) else float(value), "")]
     parts = re.split(r"([0-9]+)", str(value))
     return [(1, int(part), "") if part.isdecimal() and part.isascii() else (0, 0, part.casefold()) for part in parts]
 

@@ -44,7 +44,7 @@ MOST_SAMPLES_A_STEP = 1_000_000
 """Samples for each step of the encoder's clock; more are a wrong rate, of which a counter would overflow."""
 
 OF_ONSETS = (
-    "{}: was trained on windows from the onset of contact, for which nothing looks here; give `streamed=nt.Streamed("
+    "{}: was trained on windows from the onset of contact, which is not looked for here; give `streamed=nt.Streamed("
     "contact=True)` for windows from the first spike, `streamed=nt.Streamed(hop_ms=20)` for windows at all times, or "
     "train it without `align`"
 )

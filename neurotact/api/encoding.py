@@ -179,8 +179,8 @@ def calibrate(
     split.check_single("calibrate")
     start, given = specs.resolve(encoder, settings), specs.set_keys(encoder, settings)
     rule = gain_search.CalibrationRule(every=bool(figure))
-    group = tuple(split.one.group)
-    fit, times = calibration.calibration_for(start, settings or {}, apart=tuple(split.test_where), group=group)
+    apart, group = tuple(split.test_where), tuple(split.one.group)
+    fit, times = calibration.calibration_for(start, settings or {}, apart=apart, group=group)
     if compare:
         spec.refuse(settings or {}, alternatives.COMPARED)
     n_steps = alternatives.n_steps(rule) if compare else times * rule.candidates
@@ -192,7 +192,7 @@ def calibrate(
         start, notes = calibration.with_integration(start, given, training.sampling_rate_Hz)
         for note in notes:
             log.warning("%s: %s", source, note)
-        compared = alternatives.compare(training, start, advance, rule, group) if compare else None
+        compared = alternatives.compare(training, start, advance, rule, apart, group) if compare else None
         calibrated = fit(training, start, advance, rule) if compared is None else compared.best
         at_rest = firing.resting_table(training, calibrated.encoder, rest_ms)
         left = tools.what_survives(training, calibrated.encoder) if survives else None

@@ -49,6 +49,7 @@ def compare(
     spec: EncoderSpec,
     progress: Progress | None = None,
     rule: CalibrationRule = CalibrationRule(),
+    apart: tuple[str, ...] = (),
     group: tuple[str, ...] = (),
 ) -> _Compared:
     """Calibrate with each baseline and polarity, and in full with the causal one that is chosen.
@@ -56,7 +57,7 @@ def compare(
     The table begins with the highest accuracy of logistic regression on the SA-I rates of training trials (ties: the
     better separation by ISIs). The first causal one, in the order of `BASELINES` and `POLARITIES`, within one standard
     error of the best is chosen. RA-I responds to changes of either sign, so polarity does not affect it.
-    group: as for `calibrate`.
+    apart, group: as for `calibrate`.
     Raises InputError if no alternative can be calibrated, and for an encoder with both polarities.
     """
     if not isinstance(spec, DrivenSpec):
@@ -64,12 +65,13 @@ def compare(
     if spec.is_signed:
         raise InputError("compare: chooses a polarity, and this encoder has both (sa1.opposite); leave one of them out")
     coarse = rule.model_copy(update=COARSE)
+    between: dict[str, Any] = {"apart": apart, "group": group}
     rows, n_trials = [], 0
     for baseline, polarity in product(BASELINES, POLARITIES):
         row = {"baseline": baseline, "polarity": polarity, "acausal": baseline in ACAUSAL, "why_not": ""}
         counted = _Counted(progress, f"{baseline}, {polarity}")
         try:
-            fitted = _with(recordings, spec, baseline, polarity, counted.advance, coarse, group=group, tell=False)
+            fitted = _with(recordings, spec, baseline, polarity, counted.advance, coarse, **between, tell=False)
             row["accuracy"], n_trials = fitted.accuracy, len(fitted.labels)
             row |= {f"separation_{kind}": _separation(fitted, name) for kind, name in (("sa", "SA-I"), ("ra", "RA-I"))}
         except InputError as error:
@@ -92,7 +94,7 @@ def compare(
     best = causal.index[0] if causal.accuracy.isna().all() else found.chosen
     table["chosen"] = table.index == best
     first = table.loc[best]
-    return _Compared(table, _with(recordings, spec, first["baseline"], first["polarity"], progress, rule, group=group))
+    return _Compared(table, _with(recordings, spec, first["baseline"], first["polarity"], progress, rule, **between))
 
 
 def _with(
@@ -102,14 +104,11 @@ def _with(
     polarity: Polarity,
     progress: Progress | None,
     rule: CalibrationRule,
-    *,
-    group: tuple[str, ...],
-    tell: bool = True,
+    **how: Any,
 ) -> Calibration[Any]:
     conditioning = spec.conditioning.model_copy(update={"baseline": baseline, "rectify": polarity == "both"})
     changed = spec.model_copy(update={"conditioning": conditioning})
-    how: dict[str, Any] = {"inverted": polarity == "falling", "group": group, "tell": tell, "steady": True}
-    return calibrate(recordings, changed, progress, rule, **how)
+    return calibrate(recordings, changed, progress, rule, inverted=polarity == "falling", steady=True, **how)
 
 
 def _separation(fitted: Calibration[Any], afferent: str) -> float:

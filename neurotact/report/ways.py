@@ -152,11 +152,9 @@ def seen(
 
     tables, named: of an answer by its setting, in place of the table of the best of each kind and of its sentences.
     """
+    every = [answers[0]._replace(setting=ALL_SETS)] if ALL_SETS in named else []
     return {
-        "fronts": [
-            *_of_every(answers, tables, named),
-            *(_front(one, tables.get(one.setting), named.get(one.setting)) for one in answers),
-        ],
+        "fronts": [_front(one, tables.get(one.setting), named.get(one.setting)) for one in (*every, *answers)],
         "n_rows": int(means["rows"].sum()),
         "note": view.note,
         "costs": {column: view.measures[column] for column in _costs(means, view)},
@@ -165,14 +163,6 @@ def seen(
         "rows": _rows(means, view),
         "page": page.parts(_page_data(means, view, named) | {"fronts": _drawn(answers, named)}, page.PROTOCOL),
     }
-
-
-def _of_every(
-    answers: Sequence[WayAnswer], tables: Mapping[str, Sequence[Table]], named: Mapping[str, Named]
-) -> list[Front]:
-    """The first screen of all settings together, of a way that has one."""
-    every = [_front(answers[0], tables[ALL_SETS], named[ALL_SETS])] if ALL_SETS in named else []
-    return [front._replace(setting=ALL_SETS) for front in every]
 
 
 def _drawn(answers: Sequence[WayAnswer], named: Mapping[str, Named]) -> dict[str, Any]:

@@ -181,14 +181,16 @@ def _of_every(found: Mapping[tuple[str, str], WayAnswer]) -> Named:
     if seeds < LEAST_SPLITS:
         said = f"{fronts.in_seeds(seeds)} cannot tell whether spiking is worth it"
     ratios = [one.shown.cost / one.beside.cost for one in every if one.beside is not None]
-    ends = dict.fromkeys(count(end(ratios), 2) for end in (min, max))
-    spent = f"it takes {' to '.join(ends)} times the rival's energy"
+    counted = [ratio for ratio in ratios if not np.isnan(ratio)]
+    ends = dict.fromkeys(count(end(counted), 2) for end in (min, max) if counted)
+    where = ", where that is counted" if len(counted) < len(every) else ""
+    spent = f"; it takes {' to '.join(ends)} times the rival's energy{where}" if counted else ""
     labels: dict[tuple[str, ...], str] = {}
     for key, one in found.items():
         assert one.beside is not None
         labels |= {(*key, *one.beside.name.split(", ", 1)): "", (*key, *one.shown.name.split(", ", 1)): one.setting}
     return Named(
-        f"Of {len(every)} sets and splits {said}; {spent}.",
+        f"Of {len(every)} sets and splits {said}{spent}.",
         [f"{one.setting}: {'; '.join(map(_words, _told(one)))}." for one in every],
         dict.fromkeys((VIEW.cost, "signal_ms"), labels),
     )
@@ -287,7 +289,7 @@ def draw(results: pd.DataFrame, arrays: Arrays) -> Iterator[Drawn]:
 def draw_energy(table: pd.DataFrame) -> Figure:
     """A panel per set and split, a line per family: the front of accuracy over energy; networks are filled.
 
-    table: of `points`.
+    table: of `_points`.
     """
     panels = list(table[["set", "split"]].drop_duplicates().itertuples(index=False, name=None))
     families = list(dict.fromkeys(_family(name) for name in table["classifier"]))
@@ -316,7 +318,7 @@ def _family(classifier: str) -> str:
 def draw_points(table: pd.DataFrame) -> Figure:
     """A panel per set and split, a mark per classifier and input; networks are filled.
 
-    table: of `points`.
+    table: of `_points`.
     """
     panels = list(table[["set", "split"]].drop_duplicates().itertuples(index=False, name=None))
     names = list(dict.fromkeys(zip(table["classifier"], table["input"], strict=True)))

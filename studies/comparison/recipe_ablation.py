@@ -240,7 +240,7 @@ def draw(results: pd.DataFrame, arrays: Arrays) -> Iterator[Drawn]:
 def draw_changes(table: pd.DataFrame) -> Figure:
     """A panel per set, a mark per change.
 
-    table: of `changes`.
+    table: of `_changes`.
     """
     kinds, names = list(table["set"].unique()), list(table["change"].unique())
     figure = new_figure(0.9 + 0.24 * len(names))

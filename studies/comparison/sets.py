@@ -13,7 +13,6 @@ from neurotact.data.conditioning import ConditioningSpec
 from neurotact.data.copies import copies_of
 from neurotact.data.dataset import DatasetSpec, load_touches, until
 from neurotact.data.recordings import LABEL, Recordings
-from neurotact.data.spikes import SpikeTrains
 from neurotact.data.splits import SplitSpec, split_touches
 from neurotact.data.windows import WindowSpec
 from neurotact.encoders.afferents import AfferentSpec, AfferentType, Integration
@@ -121,18 +120,19 @@ def bench_of(data: WaysData, network: RSNNSpec, seed: int, arrays: Arrays) -> Be
     """The inputs that all ways share on one set and seed; gains are calibrated on the training trials."""
     chosen, touches, spec = data.chosen, from_arrays(arrays, data.set), data.split_of(seed)
     split, seeds = split_touches(touches, (), spec), of_start(seed, spec)
-    touches = replace(touches, conditions=touches.conditions[[LABEL]])
-    if isinstance(touches, SpikeTrains):
-        return Bench(touches, None, split, chosen.window, network, seeds)
-    training = touches.select(copies_of(touches).distinct(split.train))
-    return Bench(touches, _calibrated(training, chosen, step_ms(data, arrays)), split, chosen.window, network, seeds)
+    encoder, bare = None, replace(touches, conditions=touches.conditions[[LABEL]])
+    if isinstance(touches, Recordings):
+        known = replace(touches, conditions=touches.conditions[[LABEL, *spec.group]])
+        training = known.select(copies_of(touches).distinct(split.train))
+        encoder = _calibrated(training, chosen, step_ms(data, arrays), tuple(spec.group))
+    return Bench(bare, encoder, split, chosen.window, network, seeds)
 
 
-def _calibrated(training: Recordings, chosen: SetSpec, step_ms: float) -> AfferentSpec:
+def _calibrated(training: Recordings, chosen: SetSpec, step_ms: float, group: tuple[str, ...]) -> AfferentSpec:
     """Afferents with gains fitted on training trials, on the set's clock and with refractory periods of a step.
 
     Gains are fitted on a clock of 1 ms, or on the set's clock if it is finer. They are per ms, so they apply to slower
-    clocks, on which too many intervals would be of a single step.
+    clocks, on which too many intervals would be of a single step. group: that of the split, which choices keep whole.
     """
     fine_ms = min(CALIBRATED_AT_MS, step_ms)
     least = AfferentType(gain=1.0, t_ref_ms=fine_ms)
@@ -141,9 +141,8 @@ def _calibrated(training: Recordings, chosen: SetSpec, step_ms: float) -> Affere
     how = {"integration": integration, "tau_mem_ms": chosen.membrane_ms, "conditioning": conditioning}
     start = AfferentSpec(unit=chosen.unit, **how, sa1=least, ra1=least)
     if chosen.choose_baseline:
-        calibrated = calibrate_causally(
-            training, start, choose_ema=chosen.choose_ema, choose_opposite=chosen.choose_opposite, tell=False
-        ).encoder
+        choices = {choice: getattr(chosen, choice) for choice in ("choose_ema", "choose_opposite")}
+        calibrated = calibrate_causally(training, start, **choices, group=group, tell=False).encoder
     else:
         calibrated = calibrate(training, start, tell=False).encoder
     parts = {part: getattr(calibrated, part).model_copy(update={"t_ref_ms": step_ms}) for part in ("sa1", "ra1")}

@@ -794,7 +794,7 @@ def test_choices_for_untrained_groups_are_made_between_them(caplog):
     recordings = slides((2.0, 8.0))
     days = np.arange(len(recordings)) // 2 % 4
     levels = 40.0 * (recordings.labels ^ days % 2)
-    told = recordings.conditions.assign(day=days)
+    told = recordings.conditions.assign(day=days, half=days // 2)
     signals = [signal + level for signal, level in zip(recordings.signals, levels, strict=True)]
     recordings = replace(recordings, signals=signals, conditions=told)
     found, at_random = (calibrate_causally(recordings, SPEC, rule=RULE, group=group) for group in (("day",), ()))
@@ -808,8 +808,9 @@ def test_choices_for_untrained_groups_are_made_between_them(caplog):
     assert "these accuracies are of training trials by those of other groups (day)" in caplog.text
     refused = patch("neurotact.encoders.alternatives.calibrate", side_effect=InputError("enough"))
     with refused as compared, pytest.raises(InputError, match="enough"):
-        nt.calibrate(recordings, SPEC, split=nt.Split(group="day"), compare=True)
-    assert {call.kwargs["group"] for call in compared.call_args_list} == {("day",)}
+        nt.calibrate(recordings, SPEC, split=nt.Split(group="day", test_where={"half": 1}), compare=True)
+    asked = {(call.kwargs["apart"], call.kwargs["group"]) for call in compared.call_args_list}
+    assert asked == {(("half",), ("day",))}
 
 
 def test_several_grades_are_for_untrained_conditions_alone():

@@ -73,7 +73,7 @@ def test_c_of_a_drawn_chain_spikes_as_its_twin(seed, integer, tmp_path):
         pytest.skip("there is no C compiler")
     chain = draw_chain(seed)
     if lacking("c-integer" if integer else "c-float", chain.subject):
-        return  # tests/export/test_executors.py
+        return  # refusals are tested in tests/export/test_executors.py
     signals = [signal_for(chain, seed + k) for k in range(2)]
     formats = chosen(chain, signals) if integer else None
     assert compare_on(signals, chain, tmp_path / "c", formats, flags=("-O0",))[0] is None

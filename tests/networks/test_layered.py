@@ -110,6 +110,13 @@ def test_each_layer_has_the_operations_and_spikes_that_it_receives_in_the_bill(r
         assert [layer.spikes for layer in layers] == pytest.approx(came[:-1])
 
 
+def test_a_bill_has_no_operations_below_zero_where_means_are_rounded():
+    """Biases alone make the last layer spike: nothing passes between the layers, but 0.3 - 0.1 - 0.2 is below 0."""
+    measured = {"sops_input": 0.1, "sops_readout": 0.2, "sops_total": 0.3, "sops_total_feedforward": 0.3}
+    spent = layered(bias=True).module.cost(measured | {"input_spikes": 0.1, "hidden_spikes": 0.2}, 40.0, 80.0)
+    assert spent.sops == pytest.approx(0.3)
+
+
 @pytest.mark.parametrize("keys", [{}, {"bias": True, "recurrent": True, "tau_spread": 0.5}, {"readout": "count"}])
 def test_kernels_give_the_spikes_and_gradients_of_the_reference(keys):
     learn = ["alpha", "beta", "threshold"]

@@ -73,7 +73,7 @@ def cost_of(
 ) -> Cost | None:
     """The cost of a decision of a part's network, as its module says; None if it does not.
 
-    measured: mean SOPs, with the names of results. steps: of the network's clock.
+    measured: mean SOPs and spikes, with the names of results. steps: of the network's clock.
     """
     clock_Hz = 1e3 * steps / signal_ms if steps and signal_ms else 1.0
     with _seeded(0):

@@ -104,7 +104,7 @@ def network_cost(
 
     spec: of the network: its hidden neurons, recurrence and readout count.
     measured: mean SOPs of the projections, with the names of `SOPS`; and of `TOUCHED`, where it is event-driven; and
-        of `SPIKES` and `SYNAPSES`, where SOPs do not tell them, since weights were pruned.
+        of `SPIKES` and `SYNAPSES`, where SOPs do not tell them: weights were pruned, or layers are another package's.
     steps, signal_ms: of a decision, a mean under early exit; steps are of the encoder's clock, of which a network with
         a `step_ms` computes one in several.
     event_driven: neurons are updated when a spike comes, in place of on every step; NaN where the steps with a spike

@@ -174,6 +174,14 @@ def test_people_stand_on_one_side(tmp_path):
     assert set(bench_of(path).split.test.tolist()) != set(split.test.tolist())
 
 
+def test_calibration_keeps_people_together_as_the_split_does(tmp_path, monkeypatch):
+    path, asked, chosen = saved(tmp_path), [], sets.calibrate_causally
+    monkeypatch.setattr(sets, "calibrate_causally", lambda *a, **how: asked.append(chosen(*a, **how)) or asked[-1])
+    bench_of(path, **{"split.group": ["subject"]})
+    bench_of(path)
+    assert [found.folds is not None for found in asked] == [True, False]
+
+
 def test_repeats_are_seeds_of_their_own_split(tmp_path):
     path = saved(tmp_path)
     for quick in (False, True):

@@ -6,10 +6,10 @@ from neurotact_parts.studies.comparison import by_list, real_sets, sets
 from neurotact_parts.studies.comparison.real_sets import (
     NETWORK_INPUT,
     Parameters,
+    _points,
     draw_energy,
     draw_points,
     named,
-    points,
     tables,
 )
 
@@ -193,7 +193,7 @@ def test_equal_differences_count_trials_and_not_their_windows():
 
 
 def test_each_family_has_its_front_of_accuracy_over_energy():
-    found = points(table({("RSNN", "a"): [0.8, 0.9], ("SVM", "a"): [0.7, 0.7], ("SVM", "b"): [0.6, 0.6],
+    found = _points(table({("RSNN", "a"): [0.8, 0.9], ("SVM", "a"): [0.7, 0.7], ("SVM", "b"): [0.6, 0.6],
                           ("SVM", "c"): [0.9, 0.9]}))  # fmt: skip
     (axes,) = draw_energy(found).axes
     fronts = [line for line in axes.lines if line.get_linestyle() == "-"]
@@ -202,7 +202,7 @@ def test_each_family_has_its_front_of_accuracy_over_energy():
 
 
 def test_networks_are_filled_and_stand_where_their_accuracy_is():
-    found = points(table({("RSNN", "a"): [0.8, 0.9], ("SVM", "a"): [0.7, 0.7]}))
+    found = _points(table({("RSNN", "a"): [0.8, 0.9], ("SVM", "a"): [0.7, 0.7]}))
     assert found["accuracy_test"].to_numpy() == pytest.approx([0.85, 0.7])
     (axes,) = draw_points(found).axes
     marks = [line for line in axes.lines if line.get_marker() == "o"]
@@ -232,6 +232,19 @@ def test_all_sets_are_told_first_each_with_its_network_and_rival():
     assert listed.rows["set, split"].tolist() == ["made, trials", "other, trials"]
     assert listed.rows["rival"].tolist() == ["SVM, signals: a 60.0 %", "ELM, signals: b 90.0 %"]
     assert [cell.split()[0] for cell in listed.rows["points more"]] == ["+20.0", "-20.0"]
+
+
+@pytest.mark.parametrize(
+    ("others", "said"),
+    [
+        (["SVM"], "; it takes 0.5 times the rival's energy, where that is counted."),
+        (["SVM", "ELM"], " (other, trials)."),
+    ],
+)
+def test_an_energy_that_is_not_counted_is_left_out_of_the_sentence_on_all_sets(others, said):
+    rows = of_two_sets(4)
+    rows.loc[rows["classifier"].isin(others), "energy_estimate_nJ"] = float("nan")
+    assert named(rows)[ALL_SETS].headline.endswith(said)
 
 
 def test_the_next_step_is_more_splits_until_there_are_enough_for_an_interval():

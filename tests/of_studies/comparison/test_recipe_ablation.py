@@ -7,7 +7,7 @@ from neurotact_parts.studies.comparison import recipe_ablation as ablation
 from neurotact_parts.studies.comparison.recipe_ablation import (
     WHOLE,
     Parameters,
-    changes,
+    _changes,
     draw_changes,
     named,
     tables,
@@ -119,7 +119,7 @@ def table(values):
 
 
 def test_losses_are_taken_seed_by_seed():
-    found = changes(table({WHOLE: [0.9, 0.7, 0.8], "worse": [0.8, 0.6, 0.7], "none": [0.9, 0.7, 0.8]}))
+    found = _changes(table({WHOLE: [0.9, 0.7, 0.8], "worse": [0.8, 0.6, 0.7], "none": [0.9, 0.7, 0.8]}))
     assert found["lost"].to_numpy() == pytest.approx([0.1, 0.0])
     ends = [resampled_interval([lost] * 3, 700, 150, DIFFERENCES) for lost in (0.1, 0.0)]  # every seed loses as much
     assert found["low"].to_numpy() == pytest.approx([end.low for end in ends])
@@ -129,7 +129,7 @@ def test_losses_are_taken_seed_by_seed():
 
 
 def test_a_seed_that_only_one_of_them_has_is_left_out():
-    found = changes(table({WHOLE: [0.9, 0.7], "worse": [0.8, 0.6, 0.0]}))
+    found = _changes(table({WHOLE: [0.9, 0.7], "worse": [0.8, 0.6, 0.0]}))
     assert found["lost"].item() == pytest.approx(0.1)
     assert found["seeds"].item() == 2
 
@@ -204,7 +204,7 @@ def test_what_the_picture_names_stands_in_the_first_rows_of_the_table():
 
 
 def test_a_mark_stands_where_the_loss_is():
-    found = changes(table({WHOLE: [0.9, 0.7], "worse": [0.8, 0.6], "one seed": [0.9]}))
+    found = _changes(table({WHOLE: [0.9, 0.7], "worse": [0.8, 0.6], "one seed": [0.9]}))
     assert np.isnan(found["low"].iloc[1])
     figure = draw_changes(found)
     (axes,) = figure.axes

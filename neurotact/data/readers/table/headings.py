@@ -378,8 +378,8 @@ def _in_one_column(usual: _UsualRow, above: Sequence[_Line], path: Path) -> _Usu
     """The usual row if its comma is a decimal one, in a file of one column that has a name."""
     cell = ",".join(usual.cells)
     if not above or "," in above[-1].text or not DECIMAL_COMMA.fullmatch(cell):
-        names = _without_end(cells(above[-1].text, ",")) if above else []
-        if usual.n_columns == 2 * len(names):
+        is_named = bool(above) and "," in above[-1].text
+        if is_named and usual.n_columns > len(_without_end(cells(above[-1].text, ","))) and "." not in cell:
             raise InputError(
                 f"{path}: has commas both in its numbers and between its columns; put ; between columns and pass "
                 "`decimal=','`"
