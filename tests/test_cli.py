@@ -312,6 +312,15 @@ def test_the_sops_are_those_of_the_test_trials(neurotact, made, tmp_path):
     assert (table.sops_input == 6 * table.input_spikes).all()
 
 
+@pytest.mark.parametrize(("memory", "is_told"), [("[[1, 1.0], [100000, 100.0]]", True), ("[[1, 1], [2, 1]]", False)])
+def test_the_energy_of_both_says_why_it_is_more_than_its_parts(neurotact, made, tmp_path, memory, is_told):
+    (tmp_path / "my.toml").write_text(f'like = "arithmetic-45nm"\nmemory_pJ = {memory}\n')
+    words = ("sops", made / "run", "-o", tmp_path / "sops.csv", "--prices", tmp_path / "my.toml")
+    code, out, _ = neurotact(*words)
+    assert code == 0
+    assert ("both lie in one memory" in out) == is_told
+
+
 def test_specs_are_listed_shown_and_copied(neurotact, tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     code, out, err = neurotact("list")

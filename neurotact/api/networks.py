@@ -247,6 +247,9 @@ def sops(
     costs = ledger.decision_ledger(network.spec, *sizes, trains.sampling_rate_Hz, means, **made_by, prices=priced)
     shown = costs[COSTS].astype(object)
     tell(shown.where(shown.notna(), "not counted"))
+    alone = costs.set_index("name")["energy_estimate_nJ"]
+    if {"encoder", "both"} <= {*alone.index} and alone["both"] > 1.001 * (alone["encoder"] + alone["network"]):
+        tell("both lie in one memory, where an access takes more energy than in two smaller ones")
     return table
 
 
