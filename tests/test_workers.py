@@ -1,6 +1,5 @@
 """Worker processes: what reaches them, and what does not."""
 
-import logging
 import os
 import signal
 import subprocess
@@ -62,11 +61,13 @@ def test_a_worker_that_loads_its_modules_hears_no_ctrl_c(tmp_path):
 
 
 WARNING = """
+import logging
 import warnings
 from neurotact import workers
 
 def job(_):
     warnings.warn("the gain silences RA-I", stacklevel=1)
+    logging.getLogger("neurotact").warning("%d of 3 trials are kept", 2)
 
 if __name__ == "__main__":
     with workers.pool(1) as run:
@@ -88,7 +89,7 @@ def test_a_warning_of_a_worker_is_one_line_and_no_module_is_that_of_the_current_
     script.write_text(WARNING)
     done = subprocess.run([sys.executable, script], capture_output=True, text=True, timeout=120, cwd=here)
     assert done.returncode == 0
-    assert done.stderr.splitlines() == ["neurotact: the gain silences RA-I"]
+    assert done.stderr.splitlines() == ["neurotact: the gain silences RA-I", "neurotact: 2 of 3 trials are kept"]
 
 
 NOTEBOOK = """
@@ -122,16 +123,6 @@ def test_the_package_runs_as_a_module_beside_a_module_with_the_name_of_pythons(t
     words = [sys.executable, "-m", "neurotact", "--version"]
     done = subprocess.run(words, capture_output=True, text=True, timeout=120, cwd=tmp_path)
     assert (done.stdout.strip(), done.stderr) == (neurotact.__version__, "")
-
-
-def _warns(number: int) -> int:
-    logging.getLogger("neurotact").warning("%d of 3 trials are kept", number)
-    return number
-
-
-def test_a_line_of_a_worker_is_printed_like_one_of_its_parent(capfd):
-    assert workers.in_a_process(_warns, 2) == 2
-    assert "neurotact: 2 of 3 trials are kept\n" in capfd.readouterr().err
 
 
 @pytest.mark.parametrize("name", workers.identity())
