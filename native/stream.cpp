@@ -234,7 +234,7 @@ struct Streaming {
         const int n_sent = plan.net.adaptation.on
                                ? window.net.template step<true>(plan.net, tables, n_rows, now, window.leader)
                                : window.net.template step<false>(plan.net, tables, n_rows, now, window.leader);
-        if (plan.fans) window.numbers[6] += operations(plan.fans + plan.net.sizes.inputs, window.net.rows, n_sent);
+        if (plan.fans) window.numbers[6] += operations(plan.fans + plan.net.sizes.inputs, window.net.sent, n_sent);
         return n_sent;
     }
     // One at each synapse of the neurons that spike.

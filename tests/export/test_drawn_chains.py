@@ -7,7 +7,7 @@ import pytest
 import torch
 from compiled import chosen, compare_on
 from drawn_chains import by_hand, draw_chain, draw_network, draw_rule
-from hypothesis import given
+from hypothesis import example, given
 from hypothesis import strategies as st
 from levels import examples
 from made_chains import make_signal, offline, told
@@ -41,6 +41,7 @@ def test_operations_until_a_decision_are_those_counted_synapse_by_synapse(seed):
 
 
 @given(SEEDS)
+@example(9857)  # pruned, with a path past the hidden layer
 @examples(60)
 def test_a_stream_of_a_drawn_chain_decides_as_the_whole_trial(seed):
     chain = draw_chain(seed)
