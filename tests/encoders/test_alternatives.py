@@ -113,7 +113,7 @@ def test_an_alternative_that_cannot_be_calibrated_counts_as_many_steps(monkeypat
     quiet: list[bool] = []
 
     def only_rising(recordings, spec, progress, rule, *, inverted, **options):
-        quiet.append(not options["tell"])
+        quiet.append(not options.get("tell", True))
         if inverted or spec.conditioning.rectify:
             progress(1, "the search")
             raise InputError("no gain suits it")
