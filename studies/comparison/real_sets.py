@@ -28,9 +28,8 @@ from neurotact.metrics.fronts import pareto_front
 from neurotact.metrics.prices import ARITHMETIC_45NM
 from neurotact.metrics.resampled import LEAST_SPLITS, SHARES, Interval
 from neurotact.networks.definition.specs import RSNNSpec
-from neurotact.report import sentences, way_answer
+from neurotact.report import sentences
 from neurotact.report.way_answer import Configuration, WayAnswer
-from neurotact.report.ways import over_rows
 from neurotact.report.wording import count
 from neurotact.spec import Spec
 from neurotact.studies.way import ALL_SETS, Arrays, Listed, Named, View, heads
@@ -125,7 +124,7 @@ def named(results: pd.DataFrame) -> dict[str, Named]:
     shown = of_run(results)
     if shown.empty:
         return {}
-    found = way_answer.answers(over_rows(shown, VIEW), VIEW, shown)
+    found = rivals.outcomes(results, VIEW)
     groups, priced = shown.groupby([*VIEW.apart], sort=False), rivals.ratios(results, VIEW)
     each = {
         one.setting: _named(one, rows, rivals.turns(priced[priced["setting"] == one.setting]))
@@ -143,11 +142,10 @@ def tables(results: pd.DataFrame) -> dict[str, tuple[Listed, ...]]:
 
     Of all sets together, a row for each.
     """
-    of_each, shown = rivals.tables(results, VIEW), of_run(results)
+    of_each = rivals.tables(results, VIEW)
     if len(of_each) < 2:
         return of_each
-    found = way_answer.answers(over_rows(shown, VIEW), VIEW, shown)
-    rows = pd.DataFrame([_beside_rival(one) for one in found])
+    rows = pd.DataFrame([_beside_rival(one) for one in rivals.outcomes(results, VIEW)])
     caption = "The network of each set and split, and the rival that its verdict rests on."
     return {ALL_SETS: (Listed(caption, rows, range(len(rows))),), **of_each}
 

@@ -29,6 +29,12 @@ NEAR = 0.02
 COLUMNS = ("setting", "prices", "network", "network_nJ", "rival", "name", "nJ", "kB", "ratio")
 
 
+def outcomes(results: pd.DataFrame, view: View) -> list[WayAnswer]:
+    """The answer of each setting of a run, without the ways that were skipped."""
+    shown = of_run(results)
+    return way_answer.answers(over_rows(shown, view), view, shown) if len(shown) else []
+
+
 def ratios(results: pd.DataFrame, view: View) -> pd.DataFrame:
     """The energy of the network of each answer, of its rivals, and their ratio, by every price list that is installed.
 
@@ -42,8 +48,7 @@ def ratios(results: pd.DataFrame, view: View) -> pd.DataFrame:
     stored = (shown["weights_bytes"] + shown["states_bytes"]) / 1024 if "states_bytes" in shown else math.nan
     groups = energies.assign(kB=stored).groupby([shown[name] for name in view.by], sort=False, dropna=False)
     spent = groups.mean().reset_index(drop=True)
-    outcomes = way_answer.answers(over_rows(shown, view), view, shown)
-    rows = [row for outcome in outcomes for name in energies for row in _of(outcome, name, spent)]
+    rows = [row for outcome in outcomes(results, view) for name in energies for row in _of(outcome, name, spent)]
     return pd.DataFrame(rows, columns=COLUMNS)
 
 
@@ -63,9 +68,8 @@ def _of(outcome: WayAnswer, prices: str, spent: pd.DataFrame) -> Iterator[dict]:
 
 def tables(results: pd.DataFrame, view: View) -> dict[str, tuple[Listed, ...]]:
     """Of each answer the best of each kind, and how many times the energy of its rivals the network takes."""
-    found, shown = ratios(results, view), of_run(results)
-    outcomes = way_answer.answers(over_rows(shown, view), view, shown) if len(shown) else []
-    return {one.setting: (_best(one), *_by_prices(found[found["setting"] == one.setting])) for one in outcomes}
+    found, answers = ratios(results, view), outcomes(results, view)
+    return {one.setting: (_best(one), *_by_prices(found[found["setting"] == one.setting])) for one in answers}
 
 
 def _best(outcome: WayAnswer) -> Listed:

@@ -377,9 +377,9 @@ def _texts(text: str, samples: _Line, above: Sequence[_Line], separator: str | N
 def _in_one_column(usual: _UsualRow, above: Sequence[_Line], path: Path) -> _UsualRow:
     """The usual row if its comma is a decimal one, in a file of one column that has a name."""
     cell = ",".join(usual.cells)
-    if not above or "," in above[-1].text or not DECIMAL_COMMA.fullmatch(cell):
-        is_named = bool(above) and "," in above[-1].text
-        if is_named and usual.n_columns > len(_without_end(cells(above[-1].text, ","))) and "." not in cell:
+    has_names = bool(above) and "," in above[-1].text
+    if not above or has_names or not DECIMAL_COMMA.fullmatch(cell):
+        if has_names and usual.n_columns > len(_without_end(cells(above[-1].text, ","))) and "." not in cell:
             raise InputError(
                 f"{path}: has commas both in its numbers and between its columns; put ; between columns and pass "
                 "`decimal=','`"
